@@ -3,7 +3,7 @@
 import json
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -128,8 +128,9 @@ class MethodData(CellData):
         return METHOD_REGISTRY.known()
 
     def task(self, plan: CellPlan, store: RunStore) -> "MethodCellTask":
-        """Return the method of the cell."""
-        return MethodCellTask(plan, store, self)
+        """Return the method of the cell, with fewer test samples where the suite says so."""
+        n = plan.suite.first.get(plan.cell.name, len(self.test))
+        return MethodCellTask(plan, store, replace(self, test=self.test.first(n)))
 
     def truth(self) -> Truth:
         """Return the true images, with the attributes that are needed to draw them."""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from eitbench.benchmark.analysis.leaderboard import Row, boards
+from eitbench.benchmark.analysis.leaderboard import Row, boards, is_whole
 from eitbench.benchmark.rundir.kinds import SHARED
 from eitbench.reports.tables.ceiling import ceiling_notes, ceiling_rows
 from eitbench.reports.tables.columns import Column, layout, printable, shown_columns
@@ -159,8 +159,8 @@ def notes(board: Sequence[Row]) -> list[str]:
     """Return parts of a sentence on the reading of a board.
 
     They tell the noise, why there are no ties and which methods were not tuned, compare with the
-    ceiling and the published figures, and name the cost of failures, the overlap of training and
-    test samples, differences in software that is not ours, methods that used the network, programs
+    ceiling and the published figures, and name the cost of failures, the methods that lack samples,
+    the overlap of training and test samples, differences in software that is not ours, methods that used the network, programs
     or test data, the tiers of records and submissions with the gaps to their hidden sets, times
     that were measured while other cells ran, and those left out, as the machine was busy.
     """
@@ -172,6 +172,7 @@ def notes(board: Sequence[Row]) -> list[str]:
         + comparison(board)
         + _repeats(board)
         + _costs_of_failures(board)
+        + _lacking(board)
         + overlaps(board)
         + _by_text(board, "differs")
         + _by_text(board, "actions")
@@ -189,6 +190,16 @@ def _repeats(board: Sequence[Row]) -> list[str]:
             methods.setdefault(row["repeats"], []).append(row.get("method") or row["operator"])
     return [
         f"{', '.join(names)}: the same results in {runs}, too" for runs, names in methods.items()
+    ]
+
+
+def _lacking(board: Sequence[Row]) -> list[str]:
+    """For each method that lacks samples, how many it has."""
+    return [
+        f"{row.get('method') or row['operator']} has {row['n']:,} of {row['data_n']:,} samples and "
+        "ranks below those that have all"
+        for row in board
+        if not is_whole(row)
     ]
 
 

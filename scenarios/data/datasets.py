@@ -93,6 +93,17 @@ class Dataset:
         """Number of samples n."""
         return len(self.voltages)
 
+    def first(self, n: int) -> "Dataset":
+        """Return the first `n` samples; the hash stays that of all declared parameters."""
+        return replace(
+            self,
+            voltages=self.voltages[:n],
+            references=self.references[:n],
+            samples=self.samples.iloc[:n],
+            phantoms=self.phantoms[:n],
+            classes=None if self.classes is None else self.classes[:n],
+        )
+
     @cached_property
     def conductivity(self) -> Array | None:
         """True conductivity (n, H, W) [S/m] on the sensor's image grid; None for recorded data."""

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, ValidationError, ValidationInfo, field_validator
@@ -45,6 +45,8 @@ class Suite(Declaration):
         operators: forward operators run when the user names none.
         scenarios: the scenarios that they are run on.
         limit: number of test samples of each scenario when the user names none; all by default.
+        first: number of test samples of each scenario, the first ones, that methods get which are
+            too slow for all, by name.
         fit_limit_s: a method or operator may take this long to set itself up on a scenario [s].
         frame_limit_s: it may take this long for one sample [s].
         memory_limit_mb: it may take this much memory, with the processes it starts [MiB].
@@ -58,6 +60,7 @@ class Suite(Declaration):
     operators: tuple[str, ...] | None = Field(default=None, min_length=1, validate_default=True)
     scenarios: tuple[Scenario, ...] = Field(min_length=1)
     limit: int | None = Field(default=None, ge=1)
+    first: dict[str, Annotated[int, Field(ge=1)]] = Field(default={}, validate_default=False)
     fit_limit_s: float = Field(default=600.0, gt=0, allow_inf_nan=False)
     frame_limit_s: float = Field(default=10.0, gt=0, allow_inf_nan=False)
     memory_limit_mb: float = Field(default=MEMORY_LIMIT_MB, gt=0, allow_inf_nan=False)
@@ -84,6 +87,16 @@ class Suite(Declaration):
         for scenario in value:
             if wrong := _unlike_familiar(scenario, by_name):
                 raise ValueError(f"the familiar scenario of {scenario.name!r} {wrong}")
+        return value
+
+    @field_validator("first")
+    @classmethod
+    def _listed(cls, value: dict[str, int], info: ValidationInfo) -> dict[str, int]:
+        listed = info.data.get("methods") or ()
+        if other := sorted(value.keys() - set(listed)):
+            raise ValueError(f"{other[0]!r} is none of the `methods` of the suite")
+        if value and any(s.kind == "transfer" for s in info.data.get("scenarios", ())):
+            raise ValueError("methods that say places get all presses")
         return value
 
     @property

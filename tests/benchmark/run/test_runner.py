@@ -16,6 +16,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
+from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.results import failures_with_traces, read_run
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
@@ -27,6 +29,7 @@ from eitbench.benchmark.run.runner import Plan, RunResult, make_plan, resume_run
 from eitbench.benchmark.rundir import lock
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.methods import methods
+from eitbench.reports.tables.boards import notes
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.suites.suite import Suite
@@ -361,6 +364,24 @@ def test_what_lacks_weights_for_a_sensor_is_left_out_and_said(tiny: Suite, tmp_p
     with pytest.raises(InputError, match="is left out for 'dnn'"):
         start_run(make_plan(tiny, methods=["dnn"]), tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+def test_a_slow_method_gets_the_first_samples_alone(tiny: Suite, tmp_path: Path) -> None:
+    suite = tiny.model_copy(update={"first": {"noser": 2}})
+    run = start_run(make_plan(suite, methods=["noser", "tikhonov"]), tmp_path / "run").path
+    alone = start_run(make_plan(tiny, methods=["noser"]), tmp_path / "alone").path
+    one, other = (pd.read_parquet(path / "samples.parquet") for path in (run, alone))
+    of = one["method"] == "noser"
+    assert one[of]["sample"].tolist() == [0, 1]
+    assert one[~of]["sample"].tolist() == [*range(N)]
+    assert one[of]["psnr"].tolist() == other["psnr"][:2].tolist()
+    assert [(cell.method, cell.n, cell.changed) for cell in rescore(run)] == [
+        ("noser", 2, 0), ("tikhonov", N, 0),
+    ]  # fmt: skip
+    rows = {row["method"]: row for row in leaderboard_rows([read_run(run)])}
+    assert (rows["tikhonov"]["rank"], rows["noser"]["rank"]) == (1, 2)
+    assert rows["noser"]["psnr"] > rows["tikhonov"]["psnr"]  # however good its few
+    assert f"noser has 2 of {N} samples" in "; ".join(notes([*rows.values()]))
 
 
 def test_a_run_goes_on_with_the_weights_it_was_started_with(

@@ -256,6 +256,8 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
         ("test = 6", "test = 6\nimage_shape = [40, 6]", "scenarios[0].image_shape", "7 x 7"),
         ('methods = ["noser"]', "methods = []", "methods", "at least 1"),
         ("", "limit = 0\n", "limit", "greater than or equal to 1"),
+        ("", "first = { noser = 0 }\n", "first.noser", "greater than or equal to 1"),
+        ("", "first = { nosr = 6 }\n", "first", "none of the `methods`"),
         ("", "frame_limit_s = -1\n", "frame_limit_s", "greater than 0"),
         ('name = "second"', 'name = "first"', "scenarios", "declared twice"),
         (
