@@ -18,6 +18,8 @@ from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, Interval, bootst
 from eitbench.scenarios.arrays import Array
 
 RECORDS = Path(__file__).parent / "records"
+FRAME_DIGITS = 16
+"""Of the hash of a frame, by which it is known: records of the leaderboard keep no more."""
 
 
 @lru_cache(maxsize=1)
@@ -29,6 +31,7 @@ def _stored() -> tuple[pd.DataFrame, dict[str, str], dict[str, pd.Series]]:
         data |= json.loads(path.read_text())["data"]
         tables.append(pd.read_csv(path.with_suffix(".csv")))
     frames = pd.concat(tables[1:] or tables, ignore_index=True)
+    frames["input_hash"] = frames["input_hash"].str[:FRAME_DIGITS]
     frames = frames.drop_duplicates(["scenario", "input_hash"], keep="last")
     by_frame = frames.set_index("input_hash").groupby("scenario")["mse"]
     return frames, data, {str(scenario): errors for scenario, errors in by_frame}
@@ -44,7 +47,12 @@ def recorded_frames(scenario: str, data_hash: str | None) -> pd.DataFrame:
 def frames_among(scenario: str, hashes: Sequence[str]) -> pd.DataFrame:
     """The recorded frames of a scenario that are among the frames with these `hashes`."""
     frames, _, _ = _stored()
-    return frames[(frames["scenario"] == scenario) & frames["input_hash"].isin(hashes)]
+    among = frames["input_hash"].isin(_known_by(hashes))
+    return frames[(frames["scenario"] == scenario) & among]
+
+
+def _known_by(hashes: Sequence[str]) -> list[str]:
+    return [of[:FRAME_DIGITS] for of in hashes]
 
 
 def below_ceiling(
@@ -63,7 +71,7 @@ def below_ceiling(
     known = _stored()[2].get(scenario)
     if known is None:
         return None
-    least = known.reindex(list(hashes)).to_numpy(np.float64)
+    least = known.reindex(_known_by(hashes)).to_numpy(np.float64)
     both = np.isfinite(least) & np.isfinite(psnr)
     drawn_with = np.asarray(clusters)[both]
     if len(np.unique(drawn_with)) < MIN_CLUSTERS:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.benchmark.rundir.cells import Batch, Cell, Values
+from eitbench.benchmark.rundir.few_bytes import unpacked
 from eitbench.methods.registry import RESERVED
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 from eitbench.scenarios.sensors.sensor_file import MAX_PIXELS
@@ -129,7 +130,7 @@ def read_scene(path: Path, scenario: str, samples: Sequence[int], n: int) -> Sce
             if images.shape != (len(numbers), *shape):
                 raise ValueError("images and mask are of unlike shapes")
             _check_memory(len(rows), shape, 8)
-            truth = images[rows].astype(np.float64)
+            truth = _images(images, rows)
         x0, y0, x1, y1 = (float(value) for value in group.attrs["bounds"])
         background = float(group.attrs["background"])
         if not (0 < x1 - x0 < math.inf and 0 < y1 - y0 < math.inf and 0 < background < math.inf):
@@ -172,7 +173,7 @@ def read_estimates(
             return None
         _check_memory(len(samples), shape, 4)
         images = np.full((len(samples), *stored.shape[1:]), np.nan, np.float32)
-        images[known] = stored[_rows_of(numbers, np.array(samples)[known])]
+        images[known] = _images(stored, _rows_of(numbers, np.array(samples)[known]))
         return images
 
 
@@ -304,6 +305,17 @@ def _group(path: Path, scenario: str, name: str) -> Iterator[h5py.Group]:
     # HDF5 fails in whatever way the damage leads to.
     except Exception as error:
         raise DataCorruptError(f"{path} cannot be read: resume the run.") from error
+
+
+def _images(stored: h5py.Dataset, rows: Sequence[int]) -> NDArray[np.float64]:
+    """Read images (k, H, W) of these rows; those of a record are packed."""
+    images = stored[rows]
+    if "step" not in stored.attrs:
+        return np.asarray(images, dtype=np.float64)
+    step = float(stored.attrs["step"])
+    if images.dtype != np.uint16 or not 0 < step < math.inf:
+        raise ValueError("its images are not packed as those of records are")
+    return unpacked(images, step)
 
 
 def _check_memory(n: int, shape: tuple[int, ...], bytes_a_pixel: int) -> None:

@@ -1,12 +1,15 @@
 """What differs between a record and that of the version before, sample by sample.
 
-A method that nobody changed keeps its figures to the last bit on the same kind of machine. Those
-that changed are named, with the reason, in the file `REASONS` of the newer version.
+A method that nobody changed keeps its figures to the last bit on the same kind of machine: records
+round them, and keep checksums of what they were. Those that changed are named, with the reason, in
+the file `REASONS` of the newer version.
 """
 
 from __future__ import annotations
 
+import json
 import tomllib
+import zlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +23,7 @@ from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.metrics.novelty import SCORES
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.few_bytes import rounded
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,7 +31,7 @@ if TYPE_CHECKING:
 
 REASONS = "changed.toml"
 """In the folder of a version: by the name of a method, why its figures changed."""
-_REASONS = TypeAdapter(dict[str, str])
+_REASONS = _SUMS = TypeAdapter(dict[str, str])
 
 
 @dataclass(frozen=True)
@@ -62,16 +66,13 @@ def changes(older: Path, newer: Path) -> Changes:
     data = [run.manifest.get("data") or {} for run in (before, after)]
     both = [name for name in after.scenarios() if name in data[0] and name in data[1]]
     same = [name for name in both if data[0][name]["hash"] == data[1][name]["hash"]]
-    figures = [
-        name
-        for name, spec in (dict(after.kind.metrics) | UNCERTAINTY | SCORES).items()
-        if spec.unit != "ms" and name in before.samples and name in after.samples
-    ]
+    figures = [name for name in _figures(after) if name in before.samples]
+    sums = [_checksums_of(run) if exact else {} for run in (before, after)]
     differing: dict[str, list[str]] = {}
     for scenario in same:
         tables = [_by_method(run, scenario) for run in (before, after)]
         for method in tables[0].keys() & tables[1].keys():
-            one, other = (table[method][figures].to_numpy(float) for table in tables)
+            one, other = (rounded(table[method][figures].to_numpy(float)) for table in tables)
             differing.setdefault(method, [])
             if one.shape != other.shape:
                 differing[method].append(f"{len(one)} samples became {len(other)} ({scenario})")
@@ -79,6 +80,8 @@ def changes(older: Path, newer: Path) -> Changes:
                 equal = np.isclose(one, other, rtol=allowed, atol=allowed, equal_nan=True)
                 if n := int((~equal.all(axis=1)).sum()):
                     differing[method].append(f"{n} of {len(one)} samples of {scenario}")
+                elif unlike := _unlike(*(of.get((scenario, method), {}) for of in sums)):
+                    differing[method].append(f"the last bits of {unlike[0]} on {scenario}")
     return Changes(
         older=older.parent.name,
         exact=exact,
@@ -86,6 +89,35 @@ def changes(older: Path, newer: Path) -> Changes:
         changed={name: ", ".join(says) for name, says in sorted(differing.items()) if says},
         unlike=[name for name in both if name not in same],
     )
+
+
+def checksums(run: Run) -> list[str]:
+    """Return a checksum of the exact values of each figure, as JSON, for each cell of a run."""
+    keys, figures, found = ["scenario", run.kind.name], _figures(run), []
+    samples = dict(list(run.samples.sort_values("sample").groupby(keys)[figures]))
+    for cell in run.cells[keys].itertuples(index=False, name=None):
+        exact = {name: values.to_numpy("<f8").tobytes() for name, values in samples[cell].items()}
+        found.append(json.dumps({n: f"{zlib.crc32(of):08x}" for n, of in exact.items()}))
+    return found
+
+
+def _checksums_of(record: Run) -> dict[tuple[str, str], dict[str, str]]:
+    """What `checksums` were kept, by scenario and method."""
+    cells = record.cells
+    if "checksums" not in cells:
+        return {}
+    keys = zip(cells["scenario"], cells[record.kind.name], strict=True)
+    return dict(zip(keys, map(_SUMS.validate_json, cells["checksums"]), strict=True))
+
+
+def _unlike(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:
+    return [name for name in one if name in other and one[name] != other[name]]
+
+
+def _figures(run: Run) -> list[str]:
+    """Columns of samples with figures that do not depend on the load of the machine."""
+    known = dict(run.kind.metrics) | UNCERTAINTY | SCORES
+    return [name for name, spec in known.items() if spec.unit != "ms" and name in run.samples]
 
 
 def last_before(newer: Path) -> Path | None:

@@ -24,11 +24,13 @@ from eitbench.benchmark.analysis.results import (
     fastest_solves,
     read_run,
 )
+from eitbench.benchmark.ceiling.record import FRAME_DIGITS
 from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.few_bytes import packed, rounded
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.rundir.store import SAMPLES
-from eitbench.reports.board.changes import version_key
+from eitbench.reports.board.changes import checksums, version_key
 from eitbench.reports.page.images import shown_samples
 
 if TYPE_CHECKING:
@@ -68,7 +70,8 @@ def write_record(run_path: Path, out: Path) -> Path:
     staged.mkdir(parents=True)
     if (run_path / NOTES_FILE).is_file():
         shutil.copyfile(run_path / NOTES_FILE, staged / NOTES_FILE)
-    _without_busy_times(run, out).to_parquet(staged / run.kind.table, index=False)
+    cells = _without_busy_times(run, out).assign(checksums=checksums(run))
+    cells.to_parquet(staged / run.kind.table, index=False)
     _write_samples(run.samples, staged / SAMPLES)
     content = run.manifest | {"images": SHOWN}
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
@@ -91,13 +94,17 @@ def sums_of(record: Path) -> list[str]:
 
 
 def _write_samples(samples: pd.DataFrame, path: Path) -> None:
-    """Write the table of samples to `path`, in two thirds of what a run takes.
+    """Write the table of samples to `path`, in a third of what a run takes.
 
-    The bytes of numbers are split, so that equal ones stand beside each other, and the hashes of
-    frames, which all methods repeat, are written once.
+    The bytes of numbers, which are `rounded`, are split, so that equal ones stand beside each
+    other. Hashes of frames are cut, and written once, though all methods repeat them.
     """
     texts = [name for name in samples if not is_float_dtype(samples[name])]
-    samples.to_parquet(
+    kept = samples.assign(
+        input_hash=samples["input_hash"].str[:FRAME_DIGITS],
+        **{name: rounded(samples[name]) for name in samples if name not in texts},
+    )
+    kept.to_parquet(
         path,
         index=False,
         use_dictionary=texts,
@@ -176,10 +183,14 @@ def _write_images(run: Run, shown: Mapping[str, Sequence[int]], path: Path) -> N
                 of["sample"] = group["sample"][:][rows]
                 for key in group.keys() - {"sample", "validation"}:
                     values = group[key][:] if key == "mask" else group[key][rows]
-                    if values.dtype.kind == "f":
-                        values = (np.round(values / step) * step).astype(np.float16)
+                    images = values.dtype.kind == "f" and values.ndim > 1
+                    values = packed(values, step) if images else values
                     layout = {"compression": "gzip", "compression_opts": 9, "shuffle": True}
-                    of.create_dataset(key, data=values, **(layout if values.ndim > 1 else {}))
+                    stored = of.create_dataset(
+                        key, data=values, **(layout if values.ndim > 1 else {})
+                    )
+                    if images:
+                        stored.attrs["step"] = step
                 assert name == TRUTH or array in of
 
 

@@ -17,6 +17,8 @@ from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.rundir.run_arrays import TRUTH, Scene
 
 MOST_FAMILIES = 6
+IMAGES = 2000
+"""That a page may hold, 2 kB each; where there would be more, families are left out."""
 _OUTSIDE = 255
 STEPS, FEW_STEPS = 254, 31
 """Of the scale; of as many images as a page can hold, few steps take a quarter of its bytes."""
@@ -56,7 +58,7 @@ def packed_images(
     if not cases:
         return None
     names = list(dict.fromkeys(case["family"] for case in cases))
-    cases = [case for case in cases if case["family"] in names[:families]]
+    cases = _shown(cases, families)
     samples = sorted({case["sample"] for case in cases})
     scene = next(iter(methods.values()))[0].scene(scenario, samples)
     stacks: dict[str, NDArray[np.float64]] = {}
@@ -89,12 +91,18 @@ def packed_images(
     }
 
 
+def shown_families(columns: int) -> int:
+    """Number of families that are shown on a page of so many columns of images."""
+    return max(1, min(MOST_FAMILIES, IMAGES // max(1, 3 * columns)))
+
+
 def shown_samples(run: Run, scenario: str) -> list[int]:
     """Numbers of the samples whose images a page of this run alone shows."""
+    families = shown_families(len(run.cells) + len(run.scenarios()))  # with the truth of each
     of = run.samples[run.samples["scenario"] == scenario]
     cells = {str(name): rows for name, rows in of.groupby("method", sort=False)}
     by = next((name for name in run.kind.ranked_by if name in of and of[name].notna().any()), None)
-    return sorted({case["sample"] for case in _together(cells, by)[1]})
+    return sorted({case["sample"] for case in _shown(_together(cells, by)[1], families)})
 
 
 def _together(
@@ -104,6 +112,12 @@ def _together(
     table = pd.concat([cell.assign(label=label) for label, cell in cells.items()])
     table = table[table.groupby("sample")["label"].transform("count") == len(cells)]
     return table, [] if by is None or by not in table else _cases(table, by)
+
+
+def _shown(cases: list[dict[str, Any]], families: int) -> list[dict[str, Any]]:
+    """The cases of the first so many families."""
+    names = list(dict.fromkeys(case["family"] for case in cases))[:families]
+    return [case for case in cases if case["family"] in names]
 
 
 def pack(content: bytes) -> str:

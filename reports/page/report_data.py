@@ -39,15 +39,12 @@ from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.evidence import Evidence
 from eitbench.reports.claims.published_claims import CLAIMS
 from eitbench.reports.page.error_maps import error_maps
-from eitbench.reports.page.images import MOST_FAMILIES, packed_images
+from eitbench.reports.page.images import packed_images, shown_families
 from eitbench.reports.tables.boards import notes, prior_knowledge, told_apart, tracks_table
 from eitbench.reports.tables.columns import printable, shown_columns
 
 PRESSES = 150
 """Drawn of a recorded scenario; more would hide each other."""
-
-IMAGES = 2000
-"""That a page may hold, 2 kB each; where there would be more, families are left out."""
 
 MOST_SINGLE = 12
 """Boards of a report that has figures of each as files: those of more would take minutes."""
@@ -154,7 +151,7 @@ def report_data(paths: Sequence[Path]) -> ReportData:
         for standing, apart in _told_apart(standings(of_kind))
     ]
     columns = sum(len(standing.rows) + 1 for standing, _, _ in found)  # of images, with the truth
-    families = max(1, min(MOST_FAMILIES, IMAGES // max(1, 3 * columns)))
+    families = shown_families(columns)
     varied = max(LEAST_VARIED, min(SAMPLES, VARIED_SAMPLES // max(1, len(found))))
     boards = [_board(*of, missing, families, varied) for of in found]
     name_kinds(boards)

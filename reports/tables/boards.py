@@ -159,10 +159,11 @@ def notes(board: Sequence[Row]) -> list[str]:
     """Return parts of a sentence on the reading of a board.
 
     They tell the noise, why there are no ties and which methods were not tuned, compare with the
-    ceiling and the published figures, and name the cost of failures, the methods that lack samples,
-    the overlap of training and test samples, differences in software that is not ours, methods that used the network, programs
-    or test data, the tiers of records and submissions with the gaps to their hidden sets, times
-    that were measured while other cells ran, and those left out, as the machine was busy.
+    ceiling and the published figures, and name the cost of failures, methods that lack samples, the
+    overlap of training and test samples, differences in software that is not ours, methods that
+    used the network, programs or test data, the tiers of records and submissions with the gaps to
+    their hidden sets, times that were measured while other cells ran, and those left out, as the
+    machine was busy.
     """
     return (
         _noise(board)

@@ -277,7 +277,7 @@ def test_a_page_that_would_be_large_leaves_out_families_and_says_so(
 ) -> None:
     said = "it shows only the first 1 of up to"
     assert said not in to_page(report_data([full_run]))
-    monkeypatch.setattr("eitbench.reports.page.report_data.IMAGES", 1)
+    monkeypatch.setattr("eitbench.reports.page.images.IMAGES", 1)
     report = report_data([full_run])
     assert said in to_page(report)
     shown = [board["images"] for board in report["boards"] if board["images"]]

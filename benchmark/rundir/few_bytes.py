@@ -1,0 +1,39 @@
+"""Numbers and images of records in few bytes: with no more digits than anybody reads."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eitbench.scenarios.arrays import Array
+
+DIGITS = 21
+"""Binary digits that are kept of numbers, which are then known to a quarter of a millionth. With
+sign and exponent they fill four of the eight bytes."""
+NOTHING = -(2**15)
+"""In place of a pixel without a value."""
+
+
+def rounded(values: ArrayLike) -> Array:
+    """Round numbers (...) to `DIGITS` binary digits each; their other bits are 0."""
+    mantissa, exponent = np.frexp(np.asarray(values, dtype=np.float64))
+    return np.asarray(np.ldexp(np.round(np.ldexp(mantissa, DIGITS)), exponent - DIGITS))
+
+
+def packed(images: ArrayLike, step: float) -> NDArray[np.uint16]:
+    """Round images (n, H, W) to whole steps, in a form that compresses well.
+
+    A pixel is predicted from those to its left, above and between (as of a plane), and the error,
+    which is mostly near to 0, is stored with its sign in the last bit.
+    """
+    steps = np.round(np.asarray(images, dtype=np.float64) / step)
+    near = np.clip(np.nan_to_num(steps), NOTHING + 1, -NOTHING - 1)
+    whole = np.where(np.isnan(steps), NOTHING, near).astype(np.int16)
+    # Integers of 16 bits wrap around, here as there.
+    errors = np.diff(np.diff(whole, axis=1, prepend=np.int16(0)), axis=2, prepend=np.int16(0))
+    return ((errors << 1) ^ (errors >> 15)).view(np.uint16)
+
+
+def unpacked(stored: NDArray[np.uint16], step: float) -> Array:
+    """Return images (n, H, W) from what `packed` made of them, NaN without a value."""
+    errors = ((stored >> 1) ^ -(stored & 1)).view(np.int16)
+    whole = errors.cumsum(axis=2, dtype=np.int16).cumsum(axis=1, dtype=np.int16)
+    return np.where(whole == NOTHING, np.nan, whole * step)
