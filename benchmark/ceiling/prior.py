@@ -156,10 +156,8 @@ class FamilyPrior:
         """At how many of `TRIES` random places inclusions of these sizes fit."""
         family, sensor = self.parameters.family, self.parameters.sensor
         x0, y0, x1, y1 = sensor.outline.bounds
-        rims = [
-            region.rim() - (region.pose.x, region.pose.y)
-            for region, _ in self.parameters.inclusions(vector)
-        ]
+        centres = self.parameters.parts(vector[None])[0, :, :2] * self.parameters.side
+        rims = self.parameters.rims(vector[None])[0] - centres[:, None]
         places = rng.uniform((x0, y0), (x1, y1), size=(TRIES, len(rims), 2))
         fits = np.ones(TRIES, dtype=bool)
         for i, j in itertools.combinations(range(len(rims)), 2):

@@ -91,13 +91,14 @@ class LinearisedModel:
         along their edges change by all of the contrast, and x - c would err more.
         """
         flat = images.reshape(*images.shape[:-2], -1)
-        return np.asarray(
-            self.predicted + self.times(2 * self.image * (flat - self.image) / (flat + self.image))
-        )
+        # Shapes change few pixels.
+        moved = np.flatnonzero((np.atleast_2d(flat) != self.image).any(axis=0))
+        pixels, before = flat[..., moved], self.image[moved]
+        changes = 2 * before * (pixels - before) / (pixels + before)
+        return np.asarray(self.predicted + changes @ self.rows[moved])
 
     def times(self, changes: Array) -> Array:
         """Derivative times changes (..., H * W) of the image: (..., K)."""
-        # Shapes change few pixels.
         moved = np.flatnonzero(np.any(np.atleast_2d(changes), axis=0))
         return np.asarray(changes[..., moved] @ self.rows[moved])
 

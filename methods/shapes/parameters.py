@@ -4,14 +4,17 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
-from eitbench.methods.shapes.raster import Grid, paint, pixel_grid
+from eitbench.methods.shapes.raster import Grid, paint_polygons, paint_rings, pixel_grid
 from eitbench.scenarios.arrays import Array, Mask
+from eitbench.scenarios.compiling import compiled
 from eitbench.scenarios.phantoms.families import Family
 from eitbench.scenarios.phantoms.phantom import Phantom
-from eitbench.scenarios.phantoms.regions import Pose, Region
+from eitbench.scenarios.phantoms.regions import RIM_POINTS, Circle
 from eitbench.scenarios.sensors.sensor import Sensor
 
 ROUND = ("circle", "ring")
@@ -111,21 +114,6 @@ class Parameters:
         each: int = COPIES.get(self._shape[0], 1)
         return math.factorial(self.family.count) * math.prod([each] * self.family.count)
 
-    def inclusions(self, vector: Array) -> list[tuple[Region, float]]:
-        """Regions and their conductivity over the background."""
-        _, names, turned = self._shape
-        found = []
-        for part in vector.reshape(self.family.count, -1).tolist():
-            x, y, *rest = part
-            angle = rest.pop(0) if turned else 0.0
-            sizes = {
-                n: v if n.endswith("ratio") else v * self.side
-                for n, v in zip(names, rest[:-1], strict=True)
-            }
-            pose = Pose(x * self.side, y * self.side, angle)
-            found.append((self.family.shapes[0].build(sizes, pose), rest[-1]))
-        return found
-
     def shifted(self, vector: Array, columns: float, rows: float) -> Array:
         """The vector (P,) of the same phantom so many pixels away, but within the ranges."""
         parts = vector.reshape(self.family.count, -1).copy()
@@ -134,26 +122,60 @@ class Parameters:
         return np.asarray(parts.ravel().clip(self.low, self.high))
 
     def image(self, vector: Array, edge: float = 0.0) -> Array:
-        """Conductivity over the background (H, W); `edge` in pixels, see `raster.paint`."""
-        image = np.ones(self.sensor.image_shape)
-        width = edge * math.sqrt(self._grid.width * self._grid.height)
-        for region, level in self.inclusions(vector):
-            paint(image, region, level, self._grid, width)
-        return image
+        """Conductivity over the background (H, W); `edge` in pixels, see `raster`."""
+        return np.asarray(self.images(vector[None], edge)[0])
 
-    def images(self, vectors: Array) -> Array:
-        """Conductivity over the background (n, H, W) of vectors (n, P), with sharp edges."""
-        return np.array([self.image(vector) for vector in vectors])
+    def images(self, vectors: Array, edge: float = 0.0) -> Array:
+        """Conductivity over the background (n, H, W) of vectors (n, P); `edge` in pixels."""
+        images = np.ones((len(vectors), *self.sensor.image_shape))
+        width = edge * math.sqrt(self._grid.width * self._grid.height)
+        for part in np.moveaxis(self.parts(vectors), 1, 0):
+            of, levels = self._metres(part), part[:, -1].copy()
+            if self._shape[2]:
+                paint_polygons(images, self._corners(of), levels, self._grid, width)
+            else:
+                outer, inner = _radii(of.sizes)
+                paint_rings(images, of.places, inner, outer, levels, self._grid, width)
+        return images
 
     def derivative(self, vector: Array, edge: float) -> Array:
         """Change of the image (P, H, W) with each parameter, times its step; `edge` in pixels."""
-        changes = np.empty((len(vector), *self.sensor.image_shape))
-        for k, (change, step) in enumerate(zip(changes, self.step, strict=True)):
-            ahead, behind = vector.copy(), vector.copy()
-            ahead[k] += step / 2
-            behind[k] -= step / 2
-            np.subtract(self.image(ahead, edge), self.image(behind, edge), out=change)
-        return changes
+        steps = np.diag(self.step / 2)
+        ahead, behind = (self.images(vector + sign * steps, edge) for sign in (1, -1))
+        return np.asarray(ahead - behind)
+
+    def _metres(self, part: Array) -> "_Placed":
+        """Of one inclusion (n, values): its places, angles and sizes."""
+        _, names, turned = self._shape
+        angles = part[:, 2] if turned else np.zeros(len(part))
+        values = part[:, 3 if turned else 2 : -1].T
+        sizes = {
+            n: v if n.endswith("ratio") else v * self.side
+            for n, v in zip(names, values, strict=True)
+        }
+        return _Placed(part[:, :2] * self.side, angles, sizes)
+
+    def _corners(self, of: "_Placed") -> Array:
+        """Corners (n, k, 2) [m] of polygons, and of those that are drawn around ellipses."""
+        corners = self.family.shapes[0].corners
+        if corners is not None:
+            pairs = [np.stack(np.broadcast_arrays(x, y), axis=-1) for x, y in corners(of.sizes)]
+            return of.placed(np.stack(pairs, axis=1))
+        axes = np.stack([of.sizes["long"], of.sizes["short"]], axis=-1)
+        return of.placed(_DISC * axes[:, None])
+
+    def rims(self, vectors: Array) -> Array:
+        """Points (n, count, k, 2) [m] of the rims of regions, as those of `Region.rim`."""
+        rims = []
+        for part in np.moveaxis(self.parts(vectors), 1, 0):
+            of = self._metres(part)
+            if not self._shape[2]:
+                rims.append(of.placed(_DISC * _radii(of.sizes)[0][:, None, None]))
+                continue
+            corners = self._corners(of)
+            polygons = self.family.shapes[0].corners is not None
+            rims.append(with_points_between(corners, RIM_POINTS) if polygons else corners)
+        return np.stack(rims, axis=1)
 
     def of_phantom(self, phantom: Phantom) -> Array:
         """The vector (P,) of a phantom of the family."""
@@ -217,25 +239,73 @@ class Parameters:
         Regions may be out of it by `slack`.
         """
         possible = self.within(vectors)
-        for k in np.flatnonzero(possible):
-            regions = [region for region, _ in self.inclusions(vectors[k])]
-            points = [self._shrunk(region) for region in regions]
-            inside = self.sensor.outline.contains(*np.concatenate(points).T).all()
-            possible[k] = inside and self._apart(points)
+        kept = vectors[possible]
+        places = self.parts(kept)[:, :, None, :2] * self.side
+        points = places + (1 - self.slack) * (self.rims(kept) - places)
+        inside = self.sensor.outline.contains(points[..., 0], points[..., 1]).all(axis=(1, 2))
+        possible[possible] = inside & self._apart(points)
         return possible
 
-    def _apart(self, points: list[Array]) -> bool:
-        """True if regions of which these are `points` (k, 2) keep the family's distance."""
-        centres = [of.mean(axis=0) for of in points]
-        reach = [float(np.hypot(*(p - c).T).max()) for p, c in zip(points, centres, strict=True)]
+    def _apart(self, points: Array) -> Mask:
+        """True (n,) if regions with these `points` (n, count, k, 2) keep the family's distance."""
+        centres = points.mean(axis=2)
+        reach = np.hypot(*np.moveaxis(points - centres[:, :, None], -1, 0)).max(axis=2)
         gap = (1 - self.slack) * self.family.gap * self.side
-        return all(
-            math.dist(centres[i], centres[j]) >= reach[i] + reach[j] + gap
-            for i in range(len(points))
-            for j in range(i)
-        )
+        apart = np.ones(len(points), dtype=bool)
+        for i, j in combinations(range(self.family.count), 2):
+            distance = np.hypot(*(centres[:, i] - centres[:, j]).T)
+            apart &= distance >= reach[:, i] + reach[:, j] + gap
+        return apart
 
-    def _shrunk(self, region: Region) -> Array:
-        """Points (k, 2) [m] of the rim of a region, nearer to its place by `slack`."""
-        place = np.array([region.pose.x, region.pose.y])
-        return np.asarray(place + (1 - self.slack) * (region.rim() - place))
+
+class _Placed(NamedTuple):
+    """Regions of one shape.
+
+    Attributes:
+        places: (n, 2) [m].
+        angles: (n,) [rad].
+        sizes: (n,) of each size [m], but ratios.
+    """
+
+    places: Array
+    angles: Array
+    sizes: Mapping[str, Array]
+
+    def placed(self, points: Array) -> Array:
+        """Points (n, k, 2) [m] about the origin, turned and shifted to the poses."""
+        cos, sin = np.cos(self.angles), np.sin(self.angles)
+        turns = np.stack([np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], axis=1)
+        return np.asarray(points @ turns + self.places[:, None])
+
+
+_DISC = Circle(1.0).rim()
+"""Corners (k, 2) of a polygon drawn around a disc of radius 1."""
+
+
+def _radii(sizes: Mapping[str, Array]) -> tuple[Array, Array]:
+    """The outer and inner radii (n,) [m] of rings, and of discs."""
+    if "radius" in sizes:
+        return sizes["radius"], np.zeros_like(sizes["radius"])
+    return sizes["outer"], sizes["outer"] * sizes["inner_ratio"]
+
+
+@compiled
+def with_points_between(corners: Array, count: int) -> Array:
+    """Corners (n, k, 2) of polygons with `count` points between them, evenly along the rims."""
+    n, k = corners.shape[:2]
+    found = np.empty((n, k + count, 2))
+    for polygon in range(n):
+        found[polygon, :k] = corners[polygon]
+        ends = np.zeros(k + 1)
+        for side in range(k):
+            step = corners[polygon, (side + 1) % k] - corners[polygon, side]
+            ends[side + 1] = ends[side] + np.sqrt(step[0] * step[0] + step[1] * step[1])
+        side = 0
+        for point in range(count):
+            along = ends[k] * point / count
+            while side < k - 1 and along >= ends[side + 1]:
+                side += 1
+            share = (along - ends[side]) / (ends[side + 1] - ends[side])
+            start, end = corners[polygon, side], corners[polygon, (side + 1) % k]
+            found[polygon, k + point] = start + share * (end - start)
+    return found

@@ -1,4 +1,11 @@
-"""Images of shapes: a few regions of one conductivity each, with soft or sharp edges."""
+"""Images of shapes: a few regions of one conductivity each, with soft or sharp edges.
+
+A level is blended into an image by the share s of each pixel that lies in the region. The share
+falls from 1 to 0 over the width `edge` [m] across the rim; with 0 it is 1 where the centre of the
+pixel lies inside, as in the images of phantoms. A pixel becomes level^s image^(1-s): in two
+dimensions the geometric mean is what a random mixture conducts (Keller 1964; Dykhne 1971), and an
+edge of whole pixels is one.
+"""
 
 from typing import NamedTuple
 
@@ -6,7 +13,6 @@ import numpy as np
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.compiling import compiled
-from eitbench.scenarios.phantoms.regions import Circle, Ellipse, Region, Ring
 from eitbench.scenarios.sensors.sensor import Sensor
 
 
@@ -25,25 +31,6 @@ def pixel_grid(sensor: Sensor) -> Grid:
     return Grid(float(x[0, 0]), float(y[0, 0]), *sensor.pixel_size)
 
 
-def paint(image: Array, region: Region, level: float, grid: Grid, edge: float) -> None:
-    """Blend `level` into an image (H, W) by the share s of each pixel that lies in the region.
-
-    The share falls from 1 to 0 over the width `edge` [m] across the rim; with 0 it is 1 where the
-    centre of the pixel lies inside, as in the images of phantoms. A pixel becomes
-    level^s image^(1-s): in two dimensions the geometric mean is what a random mixture conducts
-    (Keller 1964; Dykhne 1971), and an edge of whole pixels is one.
-    """
-    if isinstance(region, Circle | Ring):
-        outer = region.radius if isinstance(region, Circle) else region.outer
-        inner = 0.0 if isinstance(region, Circle) else region.inner
-        _paint_ring(image, region.pose.x, region.pose.y, inner, outer, level, grid, edge)
-        return
-    corners = region.rim() if isinstance(region, Ellipse) else region.pose.place(
-        np.array(region.corners)
-    )  # fmt: skip
-    _paint_polygon(image, corners, level, grid, edge)
-
-
 @compiled
 def _blended(before: float, level: float, distance: float, edge: float) -> float:
     """What a pixel becomes at a signed distance [m] from the rim, negative inside."""
@@ -60,6 +47,33 @@ def _window(low: float, high: float, first: float, size: float, count: int) -> t
     begin = int(np.floor((low - first) / size))
     end = int(np.ceil((high - first) / size)) + 1
     return max(begin, 0), min(end, count)
+
+
+@compiled
+def paint_rings(
+    images: Array,
+    places: Array,
+    inner: Array,
+    outer: Array,
+    levels: Array,
+    grid: Grid,
+    edge: float,
+) -> None:
+    """Blend levels (n,) into images (n, H, W), in rings about places (n, 2) of these radii (n,).
+
+    All lengths are in metres; a ring of inner radius 0 is a disc.
+    """
+    for n in range(len(images)):
+        _paint_ring(
+            images[n], places[n, 0], places[n, 1], inner[n], outer[n], levels[n], grid, edge
+        )
+
+
+@compiled
+def paint_polygons(images: Array, corners: Array, levels: Array, grid: Grid, edge: float) -> None:
+    """Blend levels (n,) into images (n, H, W), in polygons of corners (n, k, 2) [m]."""
+    for n in range(len(images)):
+        _paint_polygon(images[n], corners[n], levels[n], grid, edge)
 
 
 @compiled

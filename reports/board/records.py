@@ -100,10 +100,9 @@ def _write_samples(samples: pd.DataFrame, path: Path) -> None:
     other. Hashes of frames are cut, and written once, though all methods repeat them.
     """
     texts = [name for name in samples if not is_float_dtype(samples[name])]
-    kept = samples.assign(
-        input_hash=samples["input_hash"].str[:FRAME_DIGITS],
-        **{name: rounded(samples[name]) for name in samples if name not in texts},
-    )
+    kept = samples.assign(input_hash=samples["input_hash"].str[:FRAME_DIGITS])
+    for name in samples.columns.difference(texts):
+        kept[name] = rounded(samples[name])
     kept.to_parquet(
         path,
         index=False,

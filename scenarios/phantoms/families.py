@@ -35,7 +35,7 @@ range of the metrics. `soft-press` turns pressure into conductivity by the law i
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
@@ -47,6 +47,8 @@ from eitbench.scenarios.phantoms.regions import Circle, Ellipse, Polygonal, Pose
 
 Range = tuple[float, float]
 Sizes = Mapping[str, float]
+Corners = tuple[tuple[Any, Any], ...]
+"""Places (x, y) [m] about the pose's place, of numbers or of arrays of one shape, or both."""
 
 
 @dataclass(frozen=True)
@@ -58,11 +60,13 @@ class Shape:
         sizes: range of every size, as fractions of the sensor's side; a size whose name ends in
             `ratio` is a fraction of another size.
         build: from sizes [m] and a pose to the region.
+        corners: from sizes [m], numbers or arrays, to the corners of a polygon; None of others.
     """
 
     name: str
     sizes: Mapping[str, Range]
     build: Callable[[Sizes, Pose], Region]
+    corners: Callable[[Mapping[str, Any]], Corners] | None = None
 
 
 @dataclass(frozen=True)
@@ -179,31 +183,38 @@ class DeclaredFamily(Declaration):
         return Family(self.name, (shape,), self.conductivity, self.count, self.gap)
 
 
-def _rectangle(sizes: Sizes, pose: Pose) -> Region:
+def _rectangle(sizes: Mapping[str, Any]) -> Corners:
     x, y = sizes["width"] / 2, sizes["height"] / 2
-    return Polygonal(((-x, -y), (x, -y), (x, y), (-x, y)), pose)
+    return (-x, -y), (x, -y), (x, y), (-x, y)
 
 
-def _triangle(sizes: Sizes, pose: Pose) -> Region:
+def _triangle(sizes: Mapping[str, Any]) -> Corners:
     # About the centroid, so that the pose's place is the middle of the contact.
     leg = sizes["leg"]
     third = leg / 3
-    return Polygonal(((-third, -third), (leg - third, -third), (-third, leg - third)), pose)
+    return (-third, -third), (leg - third, -third), (-third, leg - third)
 
 
-def _l_shape(sizes: Sizes, pose: Pose) -> Region:
+def _l_shape(sizes: Mapping[str, Any]) -> Corners:
     arm, width = sizes["arm"], sizes["width"]
     # Centroid of the L with its outer corner at the origin, alike in x and y.
     middle = (arm**2 + arm * width - width**2) / (2 * (2 * arm - width))
     corners = ((0.0, 0.0), (arm, 0.0), (arm, width), (width, width), (width, arm), (0.0, arm))
-    return Polygonal(tuple((x - middle, y - middle) for x, y in corners), pose)
+    return tuple((x - middle, y - middle) for x, y in corners)
 
 
-def _star(sizes: Sizes, pose: Pose) -> Region:
-    angle = np.pi * np.arange(10) / 5
-    radius = sizes["outer"] * np.where(np.arange(10) % 2 == 0, 1.0, sizes["inner_ratio"])
-    corners = zip((radius * np.cos(angle)).tolist(), (radius * np.sin(angle)).tolist(), strict=True)
-    return Polygonal(tuple(corners), pose)
+def _star(sizes: Mapping[str, Any]) -> Corners:
+    radii = sizes["outer"], sizes["outer"] * sizes["inner_ratio"]
+    return tuple(
+        (radii[k % 2] * float(np.cos(angle)), radii[k % 2] * float(np.sin(angle)))
+        for k, angle in enumerate(np.pi * np.arange(10) / 5)
+    )
+
+
+def _polygonal(
+    name: str, sizes: Mapping[str, Range], corners: Callable[[Mapping[str, Any]], Corners]
+) -> Shape:
+    return Shape(name, sizes, lambda of, pose: Polygonal(corners(of), pose), corners)
 
 
 def _disc(low: float, high: float) -> Shape:
@@ -211,7 +222,7 @@ def _disc(low: float, high: float) -> Shape:
 
 
 def _box(low: float, high: float) -> Shape:
-    return Shape("rectangle", {"width": (low, high), "height": (low, high)}, _rectangle)
+    return _polygonal("rectangle", {"width": (low, high), "height": (low, high)}, _rectangle)
 
 
 def _polygon(corners: int) -> Shape:
@@ -237,13 +248,14 @@ _ELLIPSE = Shape(
     {"long": (0.12, 0.28), "short": (0.06, 0.11)},
     lambda size, pose: Ellipse(size["long"], size["short"], pose),
 )
-_L_SHAPE = Shape("l-shape", {"arm": (0.25, 0.5), "width": (0.1, 0.2)}, _l_shape)
-_TRIANGLE = Shape("triangle", {"leg": (0.25, 0.5)}, _triangle)
-_STAR = Shape("star", {"outer": (0.15, 0.28), "inner_ratio": (0.4, 0.55)}, _star)
+_RECTANGLE = _box(0.12, 0.45)
+_L_SHAPE = _polygonal("l-shape", {"arm": (0.25, 0.5), "width": (0.1, 0.2)}, _l_shape)
+_TRIANGLE = _polygonal("triangle", {"leg": (0.25, 0.5)}, _triangle)
+_STAR = _polygonal("star", {"outer": (0.15, 0.28), "inner_ratio": (0.4, 0.55)}, _star)
 
 SHAPES = {
     shape.name: shape
-    for shape in (_disc(0.08, 0.22), _ELLIPSE, _L_SHAPE, _box(0.12, 0.45), _RING, _STAR, _TRIANGLE)
+    for shape in (_disc(0.08, 0.22), _ELLIPSE, _L_SHAPE, _RECTANGLE, _RING, _STAR, _TRIANGLE)
 }
 """The kinds of regions, with the sizes of the packaged families."""
 
@@ -252,7 +264,7 @@ _PUBLISHED = (
     Family("two-circles", (_disc(0.08, 0.18),), count=2, gap=0.03),
     Family("l-shape", (_L_SHAPE,)),
     Family("triangle", (_TRIANGLE,)),
-    Family("rectangle", (_box(0.12, 0.45),)),
+    Family("rectangle", (_RECTANGLE,)),
     Family("ring", (_RING,)),
 )
 _OTHERS = (
@@ -316,7 +328,7 @@ _OBJECTS = (
     ),
     Family(
         "object-rectangle",
-        (Shape("rectangle", {"width": (0.396, 0.404), "height": (0.198, 0.202)}, _rectangle),),
+        (replace(_RECTANGLE, sizes={"width": (0.396, 0.404), "height": (0.198, 0.202)}),),
         conductivity=_PRESSED,
     ),
 )
