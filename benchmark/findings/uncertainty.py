@@ -17,13 +17,12 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.ceiling.record import frames_among
 from eitbench.benchmark.findings.noise import CEILING
+from eitbench.benchmark.metrics.aggregation import aggregate
 from eitbench.benchmark.metrics.statistics import (
     MIN_CLUSTERS,
     Interval,
     draw,
     intervals,
-    means,
-    medians,
     once,
 )
 from eitbench.benchmark.metrics.uncertainty import REMOVED, UNCERTAINTY
@@ -104,27 +103,32 @@ def _crps(one: Stated) -> float:
 
 def _figures(rows: pd.DataFrame, names: list[str]) -> dict[str, Interval]:
     figures = dict.fromkeys(UNCERTAINTY, Interval(np.nan, np.nan, np.nan))
+    # Figures of the same frames share their draws.
+    of_frames: dict[bytes, list[str]] = {}
     for name in names:
-        known = rows[rows[name].notna()]
+        of_frames.setdefault(rows[name].notna().to_numpy().tobytes(), []).append(name)
+    for frames, together in of_frames.items():
+        known = rows[np.frombuffer(frames, dtype=bool)]
         if len(known):
-            figures[name] = _figure(known, name)
+            figures |= _together(known, together)
     return figures
 
 
-def _figure(known: pd.DataFrame, name: str) -> Interval:
-    """A figure of the rows that have it; its interval draws sessions, if there are enough."""
-    aggregate, column = UNCERTAINTY[name].aggregate, known[[name]].to_numpy(np.float64)
+def _together(known: pd.DataFrame, names: list[str]) -> dict[str, Interval]:
+    """Figures of the rows, which have all; their intervals draw sessions, if there are enough."""
+    specs = [UNCERTAINTY[name] for name in names]
+    table = known[names].to_numpy(np.float64)
 
     def statistic(counts: Array) -> Array:
-        if callable(aggregate):
-            return aggregate(known, counts)[:, None]
-        return (medians if aggregate == "median" else means)(counts, column)
+        return aggregate(known, specs, counts)
 
-    whole, ends = once(statistic, len(known)), np.full((2, 1), np.nan)
+    whole, ends = once(statistic, len(known)), np.full((2, len(names)), np.nan)
     clusters = known["cluster"].nunique() if "cluster" in known else 0
-    if clusters >= MIN_CLUSTERS and np.isfinite(column).all():
-        ends = intervals(whole, draw(statistic, known["cluster"]), clusters)
-    return Interval(*map(float, (whole[0], *ends[:, 0])))
+    if clusters >= MIN_CLUSTERS:
+        drawn = intervals(whole, draw(statistic, known["cluster"]), clusters)
+        ends = np.where(np.isfinite(table).all(axis=0), drawn, np.nan)
+    values = zip(whole.tolist(), *ends.tolist(), strict=True)
+    return {name: Interval(*three) for name, three in zip(names, values, strict=True)}
 
 
 def _curves(run: Run, scenario: str, method: str) -> Curves | None:

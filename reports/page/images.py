@@ -122,7 +122,7 @@ def _shown(cases: list[dict[str, Any]], families: int) -> list[dict[str, Any]]:
 
 def pack(content: bytes) -> str:
     """Return `content` compressed (zlib) and as text (base64)."""
-    return base64.b64encode(zlib.compress(content, 9)).decode()
+    return base64.b64encode(zlib.compress(content)).decode()
 
 
 def unpacked(images: Mapping[str, Any]) -> NDArray[np.float64]:

@@ -33,7 +33,7 @@ from eitbench.reports.page.report_data import (
     BoardData,
     ReportData,
     counted_data,
-    report_data,
+    report_of,
 )
 from eitbench.reports.tables.columns import printable
 from eitbench.reports.tables.references import reference
@@ -47,11 +47,11 @@ def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
     """Write the report of run directories into `out`: the page, and files for a paper.
 
     Raises:
-        InputError, DataCorruptError: as for `report_data`.
+        InputError, DataCorruptError: as for `report_data.report_data`.
         EitbenchError: the files cannot be written.
     """
-    report = report_data(runs)
-    found = findings([read_run(run) for run in runs])
+    read = [read_run(run) for run in runs]
+    report, found = report_of(read), findings(read)
     try:
         written = [out / PAGE]
         links = _code_links(report, runs, out)

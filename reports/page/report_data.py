@@ -6,6 +6,7 @@ The page, the tables and the figures are made of these alone.
 from __future__ import annotations
 
 import json
+import math
 import shlex
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -47,7 +48,8 @@ PRESSES = 150
 """Drawn of a recorded scenario; more would hide each other."""
 
 MOST_SINGLE = 12
-"""Boards of a report that has figures of each as files: those of more would take minutes."""
+"""Scenarios of a report that has boards of parts of each, and figures as files: those of more would
+take minutes."""
 
 VARIED_SAMPLES, LEAST_VARIED = 600, 12
 """Samples of all boards whose figures are computed in other ways, and the fewest of a board."""
@@ -136,14 +138,23 @@ class ReportData(TypedDict):
 def report_data(paths: Sequence[Path]) -> ReportData:
     """Read everything that a report shows of run directories.
 
-    Images, samples or columns that a run lacks are left out, and `missing` says so.
-
     Raises:
         InputError: no run directory, one without results, or runs of methods and of operators.
         DataCorruptError: a table of a run is damaged.
     """
+    return report_of([read_run(path) for path in paths])
+
+
+def report_of(runs: Sequence[Run]) -> ReportData:
+    """Return everything that a report shows of runs.
+
+    Images, samples or columns that a run lacks are left out, and `missing` says so.
+
+    Raises:
+        InputError: runs without results, or of methods and of operators.
+    """
     missing: list[str] = []
-    runs = [_with_all_columns(read_run(path), missing) for path in paths]
+    runs = [_with_all_columns(run, missing) for run in runs]
     found = [
         (standing, apart, of_kind)
         for kind in ("method", "operator")
@@ -153,19 +164,21 @@ def report_data(paths: Sequence[Path]) -> ReportData:
     columns = sum(len(standing.rows) + 1 for standing, _, _ in found)  # of images, with the truth
     families = shown_families(columns)
     varied = max(LEAST_VARIED, min(SAMPLES, VARIED_SAMPLES // max(1, len(found))))
-    boards = [_board(*of, missing, families, varied) for of in found]
+    single = len(found) <= MOST_SINGLE
+    boards = [_board(*of, missing, families, varied, parts=single) for of in found]
     name_kinds(boards)
     for run in runs:
         missing += _incomplete(run)
-    if len(boards) > MOST_SINGLE:
+    if not single:
         missing.append(
-            f"Files of figures of single scenarios (frontier, comparison, maps): a report of "
-            f"more than {MOST_SINGLE} writes none, and this one has {len(boards)}. A run has those "
-            "of its images in its folder figures."
+            "Boards of single families and noise levels, and files of figures of single scenarios "
+            f"(frontier, comparison, maps): a report of more than {MOST_SINGLE} scenarios has "
+            f"none, and this one has {len(boards)}. A run has those figures in its folder figures."
         )
     if not boards:
         raise InputError(
-            f"There are no results in {', '.join(map(str, paths))}: nothing to report."
+            f"There are no results in {', '.join(str(run.path) for run in runs)}: nothing to "
+            "report."
         )
     report = ReportData(
         boards=boards,
@@ -311,12 +324,14 @@ def _claims(runs: Sequence[Run], missing: list[str]) -> list[dict[str, str]]:
 
 def _plain(value: Any) -> Any:
     """Return a value as JSON wants it, with None for a number that is not finite."""
+    if isinstance(value, str):
+        return value
     if isinstance(value, dict):
         return {str(key): _plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(inner) for inner in value]
     if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
+        return float(value) if math.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value
 
 
@@ -345,6 +360,8 @@ def _board(
     missing: list[str],
     families: int,
     varied: int,
+    *,
+    parts: bool,
 ) -> BoardData:
     first = standing.rows[0]
     scenario, kind = first["scenario"], "operator" if "operator" in first else "method"
@@ -385,7 +402,8 @@ def _board(
     cells = {label: run.cell(scenario, name) for label, (run, name) in methods.items()}
     of_board = [run for run in runs if run.path.name in {row["run"] for row in view["rows"]}]
     samples = pd.concat([_samples(run, scenario) for run in of_board], ignore_index=True)
-    board["views"] += _parts(of_board, scenario, samples)
+    if parts:
+        board["views"] += _parts(of_board, scenario, samples)
     if first["score"] is not None and "snr_db" in samples:
         levels = samples["snr_db"].unique()
         board["snr_db"] = None if len(levels) > 1 else "clean" if np.isnan(levels[0]) else levels[0]
@@ -434,13 +452,15 @@ def _samples(run: Run, scenario: str) -> pd.DataFrame:
 
 def _view(label: str, standing: Standing, runs: Sequence[Run]) -> View:
     run_of = {run.path.name: run for run in runs}
+    scenario = standing.rows[0]["scenario"]
+    training = {name: _training(run, scenario) for name, run in run_of.items()}
     names = [row.get("method") or row["operator"] for row in standing.rows]
     rows = [
         row
         | {
             "command": _command(run_of[row["run"]], row),
             "label": name if names.count(name) == 1 else f"{name} ({row['run']})",
-            "training": _training(run_of[row["run"]], row),
+            "training": training[row["run"]].get(name),
             "code": code_of(run_of[row["run"]], name),
         }
         for row, name in zip(standing.rows, names, strict=True)
@@ -489,13 +509,15 @@ def _command(run: Run, row: Row) -> str:
     return shlex.join(words)
 
 
-def _training(run: Run, row: Row) -> str | None:
-    """Return the training data of a row, None where nothing is known of them."""
-    if "prior_knowledge" not in run.cells or "method" not in row:
-        return None
-    of = (run.cells["scenario"] == row["scenario"]) & (run.cells["method"] == row["method"])
-    told = [text for text in run.cells.loc[of, "prior_knowledge"] if isinstance(text, str) and text]
-    return describe_training(told[0]) if told else None
+def _training(run: Run, scenario: str) -> dict[str, str]:
+    """The training data of methods on a scenario by name, where something is known of them."""
+    if "prior_knowledge" not in run.cells or run.kind.name != "method":
+        return {}
+    of = run.cells[run.cells["scenario"] == scenario]
+    told = dict(zip(of["method"], of["prior_knowledge"], strict=True))
+    return {
+        n: describe_training(text) for n, text in told.items() if isinstance(text, str) and text
+    }
 
 
 def _presses(label: str, cell: pd.DataFrame) -> dict[str, Any]:
