@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 import pandas as pd
-from docs.tables.record import STUDIES, printed, recorded
+from docs.tables.record import STUDIES, printed, record, recorded
 
 from eitbench.benchmark.analysis.results import GUESS
-from eitbench.benchmark.findings.transfer import SkinError, over_skins
+from eitbench.benchmark.findings.transfer import SkinError, over_skins, skin_errors
 from eitbench.reports.findings.touches import alarm_grid, apart_grid, time_grid
 from eitbench.reports.findings.transfer import grid
 from eitbench.reports.studies.superposition import explained_table
@@ -134,14 +135,14 @@ def _tank() -> str:
     return printed(heads, rows)
 
 
-def _transfer(name: str) -> list[SkinError]:
-    """The errors of every method on every skin that a run of methods of places stored."""
-    stored = pd.read_csv(STUDIES / "new-skin" / f"{name}.csv")
-    return [SkinError(**row) for row in stored.to_dict("records")]
+@cache
+def transfer(suite: str) -> list[SkinError]:
+    """The errors of every method on every skin in the record of a suite of methods of places."""
+    return skin_errors([record(suite)])
 
 
 def _new_skin() -> str:
-    heads, *rows = grid(over_skins(_transfer("new-skin")))
+    heads, *rows = grid(over_skins(transfer("new-skin")))
     learned = {
         "one-place": "nothing: guessing", "kernel-ridge": "presses of the skin",
         "ridge": "presses of the skin", "network": "presses of the skin",
@@ -160,7 +161,7 @@ def _new_skin() -> str:
 
 def _by_skin() -> str:
     """The median error on each skin of some methods after some numbers of presses."""
-    stored = pd.DataFrame(_transfer("new-skin")).set_index(["method", "labelled", "recording"])
+    stored = pd.DataFrame(transfer("new-skin")).set_index(["method", "labelled", "recording"])
     shown = [
         ("kernel-ridge", 0, "guessing"), ("noser", 0, "`noser`, 0"),
         ("linear-touch", 0, "`linear-touch`, 0"),
@@ -182,7 +183,7 @@ def _by_skin() -> str:
 
 def _agreement() -> str:
     """Spearman's rank correlation over skins of the median errors of two methods."""
-    stored = pd.DataFrame(_transfer("new-skin"))
+    stored = pd.DataFrame(transfer("new-skin"))
     value = stored.pivot(index="recording", columns=["method", "labelled"], values="median_mm")
     pairs = [
         (("noser", 0), ("linear-touch", 0)), (("noser", 0), ("kernel-ridge-skins", 0)),
@@ -207,7 +208,7 @@ def _few_presses() -> str:
         "network": "network, real presses only",
         "network-simulated": "network, simulated presses first",
     }
-    errors = _transfer("few-presses")
+    errors = transfer("few-presses")
     value = {(e.method, e.labelled): f"{e.median_mm:.1f}" for e in errors}
     counts = sorted({e.labelled for e in errors})
     rows = [
