@@ -252,8 +252,8 @@ UNSEEN = [f"cam09-{number}" for number in ("07", "08", "10", "15", "18")]
 
 def _hard_skins() -> str:
     skins = pd.read_csv(STUDIES / "hard-skins" / "properties.csv").set_index("skin")
-    errors = pd.read_csv(STUDIES / "hard-skins" / "errors.csv")
-    errors = errors.pivot_table(index="skin", columns=["method", "labelled"], values="median_mm")
+    errors = pd.DataFrame(transfer("new-skin"))
+    errors = errors.pivot(index="recording", columns=["method", "labelled"], values="median_mm")
     errors.columns = errors.columns.to_flat_index()
     skins = skins.join(errors).sort_values("explained")
     forms = {
