@@ -61,8 +61,13 @@ class Told:
     failed: int
 
 
-def read_novelty(run: Run) -> list[Told]:
-    """All scores of a run, by scenario in its order, the best of a scenario first."""
+def read_novelty(run: Run, with_intervals: bool = True) -> list[Told]:
+    """All scores of a run, by scenario in its order, the best of a scenario first.
+
+    Args:
+        run: of methods; others have no scores.
+        with_intervals: False leaves the intervals NaN, which take most of the time.
+    """
     scores = [name for name in SCORES if name in run.samples]
     if run.kind is not METHOD_RUNS or "residual" not in scores:
         return []
@@ -72,13 +77,14 @@ def read_novelty(run: Run) -> list[Told]:
         if familiar == scenario or not {scenario.name, familiar.name} <= set(run.scenarios()):
             continue
         of = [
-            _told(scenario, familiar, method, score, rows)
+            _told(scenario, familiar, method, score, rows, with_intervals)
             for method in run.cells["method"].unique().tolist()
             for score in scores
             if score != FRAME
             and (rows := _rows(run, method, score, scenario, familiar)) is not None
         ]
-        of.append(_told(scenario, familiar, NOBODY, FRAME, _of_frames(run, scenario, familiar)))
+        frames = _of_frames(run, scenario, familiar)
+        of.append(_told(scenario, familiar, NOBODY, FRAME, frames, with_intervals))
         found += sorted(of, key=lambda one: -one.figures["auroc"].value)
     return found
 
@@ -103,7 +109,12 @@ def _of_frames(run: Run, scenario: Scenario, familiar: Scenario) -> pd.DataFrame
 
 
 def _told(
-    scenario: Scenario, familiar: Scenario, method: str, score: str, rows: pd.DataFrame
+    scenario: Scenario,
+    familiar: Scenario,
+    method: str,
+    score: str,
+    rows: pd.DataFrame,
+    with_intervals: bool = True,
 ) -> Told:
     answered = (rows["status"] == "ok").to_numpy()
     # Whatever a frame that failed is charged: it has no image.
@@ -126,7 +137,7 @@ def _told(
         for of, name in zip(rows["cluster"], rows["scenario"], strict=True)
     ]
     count = len(set(sessions))
-    if count >= MIN_CLUSTERS and not isinstance(scenario, RecordedScenario):
+    if with_intervals and count >= MIN_CLUSTERS and not isinstance(scenario, RecordedScenario):
         ends = intervals(whole, draw(statistic, sessions), count)
     figures = {
         name: Interval(*map(float, three))

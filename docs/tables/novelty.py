@@ -1,18 +1,25 @@
-"""Tables of novelty, from the record in `docs/studies/novelty`."""
+"""Tables of novelty, from the record of the suite `novelty`."""
 
 import math
+from functools import cache
 
 import pandas as pd
-from docs.tables.record import STUDIES, printed
+from docs.tables.record import printed, record
 
+from eitbench.benchmark.findings.novelty import read_novelty
 from eitbench.benchmark.metrics.novelty import NOVELTY, SCORES
-from eitbench.reports.findings.novelty import by_condition
+from eitbench.reports.findings.novelty import by_condition, to_table
 
-_OUT = STUDIES / "novelty"
 _PSNR = ".1f"
 _SHOWN = (
     "familiar", "conductive", "dead-electrode", "stale-reference", "other-sensor", "untouched",
 )  # fmt: skip
+
+
+@cache
+def _scores() -> pd.DataFrame:
+    """Figures of all scores. No table shows intervals, which take most of the time."""
+    return to_table(read_novelty(record("novelty"), with_intervals=False))
 
 
 def _condition(scenario: str) -> str:
@@ -34,19 +41,19 @@ def _table(wide: pd.DataFrame, figure: str) -> str:
 
 
 def _aurocs() -> str:
-    return _table(by_condition(pd.read_csv(_OUT / "novelty.csv")), "auroc")
+    return _table(by_condition(_scores()), "auroc")
 
 
 def _caught() -> str:
     """Of the method with the best mean AUROC of each score."""
-    stored = pd.read_csv(_OUT / "novelty.csv")
+    stored = _scores()
     best = by_condition(stored)["mean"].groupby("score", sort=False).idxmax()
     return _table(by_condition(stored, "caught").loc[best.tolist()], "caught")
 
 
 def _ordered() -> str:
     """Means over the conditions of the simulated sensor, by method and score."""
-    stored = pd.read_csv(_OUT / "novelty.csv")
+    stored = _scores()
     simulated = stored[stored["scenario"].str.startswith("novelty-") & stored["ordered"].notna()]
     wide = simulated.pivot_table("ordered", "method", "score", sort=False)
     wide = wide[[name for name in SCORES if name in wide]].sort_values("residual", ascending=False)
@@ -59,8 +66,7 @@ def _ordered() -> str:
 
 
 def _images() -> str:
-    stored = pd.read_csv(_OUT / "images.csv")
-    wide = stored.pivot_table("psnr", "method", "scenario", sort=False)
+    wide = record("novelty").samples.pivot_table("psnr", "method", "scenario", sort=False)
     columns = [f"novelty-{name}" for name in _SHOWN]
     wide = wide[columns].sort_values(columns[0], ascending=False)
     heads = ["Method", *map(_condition, columns)]

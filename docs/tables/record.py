@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from eitbench.benchmark.analysis.leaderboard import Row
-from eitbench.benchmark.analysis.results import Run
+from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.reports.board.changes import version_key
 from eitbench.reports.tables.formats import markdown_table
 from eitbench.reports.tables.leaderboard import ranked_rows
@@ -31,9 +32,18 @@ BOARD = DOCS.parent / "reports" / "board"
 
 def recorded(suite: str) -> list[Row]:
     """Rows of the leaderboards of a suite in its newest record."""
+    return ranked_rows([_newest(suite)])
+
+
+@cache
+def record(suite: str) -> Run:
+    """Return the newest record of a suite."""
+    return read_run(_newest(suite))
+
+
+def _newest(suite: str) -> Path:
     records = BOARD.glob(f"2*/{suite}/manifest.json")
-    newest = max(records, key=lambda path: version_key(path.parents[1].name))
-    return ranked_rows([newest.parent])
+    return max(records, key=lambda path: version_key(path.parents[1].name)).parent
 
 
 def printed(

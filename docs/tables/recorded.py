@@ -2,13 +2,18 @@
 
 import json
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 import pandas as pd
-from docs.tables.record import STUDIES, printed, recorded
+from docs.tables.record import STUDIES, printed, record, recorded
 
+from eitbench.benchmark.analysis.leaderboard import Entry, ranked_boards
+from eitbench.benchmark.analysis.overall import OverallRow, overall
 from eitbench.benchmark.analysis.results import GUESS
-from eitbench.benchmark.findings.transfer import SkinError, over_skins
+from eitbench.benchmark.findings.drift import over_time
+from eitbench.benchmark.findings.transfer import SkinError, over_skins, skin_errors
+from eitbench.benchmark.findings.two_touch import told_apart
 from eitbench.reports.findings.touches import alarm_grid, apart_grid, time_grid
 from eitbench.reports.findings.transfer import grid
 from eitbench.reports.studies.superposition import explained_table
@@ -25,23 +30,40 @@ _PLACE_COLUMNS = {
 }
 
 
+@cache
+def skin_boards() -> list[list[Entry]]:
+    """The leaderboards of the record of `skins`, one a skin."""
+    return ranked_boards([record("skins")])
+
+
+def _over_skins() -> list[OverallRow]:
+    """Methods over all skins, by mean rank."""
+    skins = {board[0].row["scenario"]: [of.row for of in board] for board in skin_boards()}
+    found = overall(
+        {
+            skin: {row["method"]: -row["localisation_mm"] for row in rows}
+            for skin, rows in skins.items()
+        },
+        {skin: rows[0]["guess_mm"] for skin, rows in skins.items()},
+    )
+    assert found is not None  # the suite has several skins and methods
+    return found.rows
+
+
 def _skins() -> str:
     """Return the board over skins: ranks, and medians over the skins of what each has."""
-    stored = pd.read_csv(STUDIES / "skins" / "skins.csv")
-    found = json.loads((STUDIES / "skins" / "skins.json").read_text())["overall"]
-    medians = stored.groupby("method")[list(_PLACE_COLUMNS)].median()
+    read = pd.DataFrame([of.row for board in skin_boards() for of in board])
+    medians = read.groupby("method")[list(_PLACE_COLUMNS)].median()
     rows = []
-    for row in found["rows"]:
-        figures = medians.loc[row["method"]]
-        rank, ratio = (
-            f"{row[of]:.2f} ({row[f'{of}_low']:.2f} to {row[f'{of}_high']:.2f})"
-            for of in ("rank", "ratio")
-        )
+    for found in _over_skins():
+        figures = medians.loc[found.method]
         rows.append([
-            f"`{row['method']}`", rank, ratio,
+            f"`{found.method}`",
+            f"{found.rank:.2f} ({found.rank_low:.2f} to {found.rank_high:.2f})",
+            f"{found.ratio:.2f} ({found.ratio_low:.2f} to {found.ratio_high:.2f})",
             *(format(figures[name], form) for name, (_, form) in _PLACE_COLUMNS.items()),
         ])  # fmt: skip
-    guess = stored.drop_duplicates("scenario")[list(GUESS)].median()
+    guess = read.drop_duplicates("scenario")[list(GUESS)].median()
     guesses = zip(guess, _PLACE_COLUMNS.values(), strict=True)
     rows.append(["one place", "", "1", *(format(value, form) for value, (_, form) in guesses)])
     heads = ["", "mean rank (95 %)", "error over a guess's (95 %)"]
@@ -50,24 +72,29 @@ def _skins() -> str:
 
 def _each_skin() -> str:
     """Return the median error of every method on every skin."""
-    stored = pd.read_csv(STUDIES / "skins" / "skins.csv")
-    found = json.loads((STUDIES / "skins" / "skins.json").read_text())["overall"]
-    methods = [row["method"] for row in found["rows"]]
+    methods = [found.method for found in _over_skins()]
     rows = []
-    for skin, of in stored.groupby("scenario", sort=False):
-        error = of.set_index("method")["localisation_mm"]
-        best = f"{error.min():.1f}"
+    for board in skin_boards():
+        of = board[0].row
+        error = {entry.row["method"]: entry.row["localisation_mm"] for entry in board}
+        best = f"{min(error.values()):.1f}"
         texts = (f"{error[method]:.1f}" for method in methods)
         marked = (f"**{text}**" if text == best else text for text in texts)
-        rows.append([f"`{skin}`", f"{of['n'].iloc[0]:,}", f"{of['guess_mm'].iloc[0]:.1f}", *marked])
+        rows.append([f"`{of['scenario']}`", f"{of['n']:,}", f"{of['guess_mm']:.1f}", *marked])
     heads = ["median error [mm]", "presses", "one place", *(f"`{method}`" for method in methods)]
     return printed(heads, rows)
 
 
 def _part_of_skins() -> str:
-    """Return the median error of every method on the same presses of every skin."""
-    stored = pd.read_csv(STUDIES / "skins" / "part.csv")
-    error = stored.pivot(index="scenario", columns="method", values="median")
+    """Return the median error of every method on the first presses of every skin.
+
+    Those of `tv` are all that its record has; the others are scored on the same presses.
+    """
+    tv = pd.read_csv(STUDIES / "skins" / "tv.csv").set_index("scenario")
+    samples = record("skins").samples
+    same = samples[samples["sample"] < samples["scenario"].map(tv["count"])]
+    error = same.pivot_table("localisation_mm", "scenario", "method", aggfunc="median", sort=False)
+    error["tv"] = tv["median"]
     error = error[error.median().sort_values().index]
     rows = [
         [name, *(f"{value:.1f}" for value in row)]
@@ -81,7 +108,7 @@ def _part_of_skins() -> str:
 
 def _course() -> str:
     """Return the error in the first, middle and last fifth of the presses."""
-    heads, *rows = time_grid(pd.read_csv(STUDIES / "drift" / "over-time.csv"))
+    heads, *rows = time_grid(over_time(record("drift")))
     return printed(heads, [_named(row, 2) for row in rows])
 
 
@@ -92,12 +119,14 @@ def _alarms() -> str:
     return printed(heads, [*rows, ["the middle", "–", "–", *middle]])
 
 
+def apart() -> pd.DataFrame:
+    """Shares of pairs told apart by images, and by the fit of two presses."""
+    study = json.loads((STUDIES / "two-touch" / "superposition.json").read_text())
+    return pd.concat([told_apart(record("two-touch").samples), pd.DataFrame(study["told_apart"])])
+
+
 def _told_apart() -> str:
-    """Return the shares told apart by images, and by the fit of two presses."""
-    folder = STUDIES / "two-touch"
-    fitted = json.loads((folder / "superposition.json").read_text())["told_apart"]
-    stored = pd.concat([pd.read_csv(folder / "two-touch.csv"), pd.DataFrame(fitted)])
-    heads, *rows = apart_grid(stored)
+    heads, *rows = apart_grid(apart())
     return printed(heads, [_named(row, 1) for row in sorted(rows, key=lambda row: row[0])])
 
 
@@ -134,14 +163,14 @@ def _tank() -> str:
     return printed(heads, rows)
 
 
-def _transfer(name: str) -> list[SkinError]:
-    """The errors of every method on every skin that a run of methods of places stored."""
-    stored = pd.read_csv(STUDIES / "new-skin" / f"{name}.csv")
-    return [SkinError(**row) for row in stored.to_dict("records")]
+@cache
+def transfer(suite: str) -> list[SkinError]:
+    """The errors of every method on every skin in the record of a suite of methods of places."""
+    return skin_errors([record(suite)])
 
 
 def _new_skin() -> str:
-    heads, *rows = grid(over_skins(_transfer("new-skin")))
+    heads, *rows = grid(over_skins(transfer("new-skin")))
     learned = {
         "one-place": "nothing: guessing", "kernel-ridge": "presses of the skin",
         "ridge": "presses of the skin", "network": "presses of the skin",
@@ -160,7 +189,7 @@ def _new_skin() -> str:
 
 def _by_skin() -> str:
     """The median error on each skin of some methods after some numbers of presses."""
-    stored = pd.DataFrame(_transfer("new-skin")).set_index(["method", "labelled", "recording"])
+    stored = pd.DataFrame(transfer("new-skin")).set_index(["method", "labelled", "recording"])
     shown = [
         ("kernel-ridge", 0, "guessing"), ("noser", 0, "`noser`, 0"),
         ("linear-touch", 0, "`linear-touch`, 0"),
@@ -182,7 +211,7 @@ def _by_skin() -> str:
 
 def _agreement() -> str:
     """Spearman's rank correlation over skins of the median errors of two methods."""
-    stored = pd.DataFrame(_transfer("new-skin"))
+    stored = pd.DataFrame(transfer("new-skin"))
     value = stored.pivot(index="recording", columns=["method", "labelled"], values="median_mm")
     pairs = [
         (("noser", 0), ("linear-touch", 0)), (("noser", 0), ("kernel-ridge-skins", 0)),
@@ -207,7 +236,7 @@ def _few_presses() -> str:
         "network": "network, real presses only",
         "network-simulated": "network, simulated presses first",
     }
-    errors = _transfer("few-presses")
+    errors = transfer("few-presses")
     value = {(e.method, e.labelled): f"{e.median_mm:.1f}" for e in errors}
     counts = sorted({e.labelled for e in errors})
     rows = [
@@ -223,8 +252,8 @@ UNSEEN = [f"cam09-{number}" for number in ("07", "08", "10", "15", "18")]
 
 def _hard_skins() -> str:
     skins = pd.read_csv(STUDIES / "hard-skins" / "properties.csv").set_index("skin")
-    errors = pd.read_csv(STUDIES / "hard-skins" / "errors.csv")
-    errors = errors.pivot_table(index="skin", columns=["method", "labelled"], values="median_mm")
+    errors = pd.DataFrame(transfer("new-skin"))
+    errors = errors.pivot(index="recording", columns=["method", "labelled"], values="median_mm")
     errors.columns = errors.columns.to_flat_index()
     skins = skins.join(errors).sort_values("explained")
     forms = {

@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from docs.tables import TABLES, filled, pages
+from docs.tables.drawings import DRAWINGS
 from docs.tables.figures import with_figures
 
 from eitbench.scenarios.errors import InputError
@@ -87,6 +88,16 @@ def test_a_figure_without_a_record_is_refused(asked: str, why: str) -> None:
 def test_a_figure_that_would_spoil_its_page_is_refused(text: str, why: str) -> None:
     with pytest.raises(InputError, match=re.escape(why)):
         with_figures(text)
+
+
+def test_every_drawing_of_a_record_is_on_a_page() -> None:
+    shown = {
+        name
+        for page in pages()
+        for name in re.findall(r"!\[.*?\]\(.*?([\w-]+\.\w+)\)", page.read_text())
+    }
+    assert set(DRAWINGS) <= shown
+    assert all((DOCS / name).is_file() for name in DRAWINGS)
 
 
 def test_runs_behind_the_tables_are_as_large_as_pages_say() -> None:

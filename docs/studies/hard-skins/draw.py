@@ -1,6 +1,6 @@
-"""Draws docs/hard-skins.png and docs/hard-skins-maps.png from the record.
+"""Draws docs/hard-skins.png and docs/hard-skins-maps.png from this folder and the record.
 
-Run: python docs/studies/hard-skins/draw.py
+Run: python -m docs.studies.hard-skins.draw
 """
 
 from pathlib import Path
@@ -8,6 +8,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from docs.tables.recorded import transfer
 
 HERE = Path(__file__).parent
 SERIES = {
@@ -18,11 +19,8 @@ SERIES = {
 }
 
 skins = pd.read_csv(HERE / "properties.csv").set_index("skin").sort_values("explained")
-errors = (
-    pd.read_csv(HERE / "errors.csv")
-    .set_index(["method", "labelled", "skin"])["median_mm"]
-    .sort_index()
-)
+errors = pd.DataFrame(transfer("new-skin"))
+errors = errors.set_index(["method", "labelled", "recording"])["median_mm"].sort_index()
 figure, axes = plt.subplots(figsize=(8, 4), layout="constrained")
 across = range(len(skins))
 for series, (label, marker, colour) in SERIES.items():

@@ -1,8 +1,8 @@
 """Measures what makes each of the 13 `cam09` skins easy or hard.
 
-Run: python docs/studies/hard-skins/measure.py properties|errors OUT.csv
+Run: python docs/studies/hard-skins/measure.py OUT.csv
 
-Properties, over the presses of the pool of the suite `new-skin`, none of which it locates:
+Over the presses of the pool of the suite `new-skin`, none of which it locates:
 
 - explained: share of the unit frames' variance that a smooth function of the place explains
   (kernel ridge regression from place to frame, learned from half of the presses, scored on others).
@@ -16,9 +16,6 @@ Properties, over the presses of the pool of the suite `new-skin`, none of which 
 - weak: strength of presses at the weakest tenth of places over that at the median place, where
   strength is the mean of the 20 nearest presses.
 - at_1500: median error [mm] on the test presses of kernel ridge regression of 1,500 labelled ones.
-
-Errors: median error [mm] on the test presses of the suite, by method and labelled presses, and the
-version and hash of the splits.
 """
 
 import sys
@@ -29,54 +26,19 @@ import pandas as pd
 from scipy.spatial import cKDTree
 
 from eitbench import __version__
-from eitbench.methods.place_method import PlaceProblem
-from eitbench.methods.places.by_image import create_place_method
 from eitbench.methods.places.kernel_ridge import gaussian, kernel_ridge
 from eitbench.methods.places.topographic_map import compressed
-from eitbench.methods.training.samples import no_split
 from eitbench.scenarios.arrays import Array, Index, unit_frames
-from eitbench.scenarios.data.transfer import load_transfer, split
+from eitbench.scenarios.data.transfer import split
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.fetch import read_recording
-from eitbench.scenarios.similarity import fit_similarity
-from eitbench.scenarios.suites.scenario import TransferScenario
 
 SKINS = [f"cam09-{k:02d}" for k in (4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 15, 16, 18)]
-METHODS = [
-    ("one-place", 25), ("kernel-ridge", 25), ("topographic-map", 25), ("topographic-map-skins", 25),
-    ("topographic-map-skins", 0),
-]  # fmt: skip
-
-
-def scenario(skin: str, labelled: int) -> TransferScenario:
-    """The scenario of the suite `new-skin`."""
-    others = tuple(other for other in SKINS if other != skin)
-    return TransferScenario(name="skin", recording=skin, labelled=labelled, others=others)
-
-
-def errors() -> Iterator[dict[str, object]]:
-    """Rows of errors.csv."""
-    for name, labelled in METHODS:
-        for skin in SKINS:
-            data = load_transfer(scenario(skin, labelled))
-            method = create_place_method(name)
-            method.fit(PlaceProblem(data.given, no_split))
-            found = method.locate(data.test.voltages - data.test.references)
-            if not labelled:
-                seen = method.locate(data.registration.differences)
-                found = fit_similarity(seen, data.registration.places)(found)
-            away = 1e3 * np.hypot(*(found - data.test.samples[["x_m", "y_m"]].to_numpy()).T)
-            yield {
-                "skin": skin, "method": name, "labelled": labelled, "median_mm": np.median(away),
-                "p90_mm": np.quantile(away, 0.9), "within_5_mm": np.mean(away < 5),
-                "version": __version__,
-                "splits": split(skin, len(data.test) + len(data.given.unlabelled)).sha256[:12],
-            }  # fmt: skip
 
 
 def properties() -> Iterator[dict[str, object]]:
-    """Rows of properties.csv."""
+    """A row for each skin."""
     for skin in SKINS:
         recording = read_recording(skin)
         differences = recording.voltages - recording.reference
@@ -127,8 +89,4 @@ def like_model(skin: str, frames: Array, places: Array, pool: Index) -> float:
 
 
 if __name__ == "__main__":
-    what, out = sys.argv[1:]
-    rows = []
-    for row in {"errors": errors, "properties": properties}[what]():
-        rows.append(row)
-        pd.DataFrame(rows).to_csv(out, index=False, float_format="%.4g")
+    pd.DataFrame(properties()).to_csv(sys.argv[1], index=False, float_format="%.4g")

@@ -164,6 +164,16 @@ def test_methods_learn_and_are_tuned_on_the_familiar_condition(run: Run) -> None
     assert MethodData.load(KNOWN, alone, 3, jobs=1, progress=False).usual is None
 
 
+def test_figures_are_the_same_without_their_intervals(run: Run) -> None:
+    whole, bare = read_novelty(run), read_novelty(run, with_intervals=False)
+    assert [(one.method, one.score) for one in bare] == [(one.method, one.score) for one in whole]
+    for one, other in zip(whole, bare, strict=True):
+        for name, figure in one.figures.items():
+            assert other.figures[name].value == pytest.approx(figure.value, nan_ok=True)
+            assert np.isnan([other.figures[name].low, other.figures[name].high]).all()
+    assert not np.isnan(whole[0].figures["auroc"].low)
+
+
 def test_without_the_familiar_condition_nothing_is_judged(run: Run) -> None:
     assert findings(replace(run, samples=run.samples[run.samples["scenario"] == "novel"])) == []
     assert findings(replace(run, samples=run.samples.drop(columns="residual"))) == []

@@ -1,0 +1,113 @@
+"""`python -m docs.tables.drawings [FILE...]`: draw figures of pages from records, all or some."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib as mpl
+from docs.tables.record import DOCS, record
+from docs.tables.recorded import apart, skin_boards, transfer
+from matplotlib.figure import Figure
+
+from eitbench.benchmark.findings.drift import over_time
+from eitbench.benchmark.findings.novelty import read_novelty
+from eitbench.benchmark.findings.transfer import over_skins
+from eitbench.reports.figures.error_maps import error_maps_figure
+from eitbench.reports.figures.style import COLOURS, COLUMN, NOTE, PAGE, STYLE, new_figure, save
+from eitbench.reports.findings.novelty import draw as draw_novelty
+from eitbench.reports.findings.touches import panels
+from eitbench.reports.findings.transfer import draw as draw_transfer
+from eitbench.reports.page.error_maps import error_maps
+
+_FIT = "fit of two presses"
+
+
+def _new_skin() -> Figure:
+    return draw_transfer(over_skins(transfer("new-skin")))
+
+
+def _skin_maps() -> Figure:
+    """A map for each skin, of the method that is best there."""
+    maps = []
+    for best, *_ in skin_boards():
+        name, skin = best.row["method"], best.row["scenario"]
+        about = error_maps({name: (best.run, name)}, {name: best.cell}, skin)
+        assert about is not None  # a skin has enough presses, whose places are known
+        maps.append((skin, about, about["maps"][0]))
+    return error_maps_figure(maps, PAGE, 5)
+
+
+def _skin_drift() -> Figure:
+    x_label = "fifth of the presses, in order of time"
+    return panels(over_time(record("drift")), "part", "error_mm", x_label, "error [mm]")
+
+
+def _two_touch() -> Figure:
+    """A panel for each skin: the fit of two presses, the best image, and where all images lie."""
+    shares = apart()
+    figure = new_figure(COLUMN, 4.4)
+    # Scenario, title, and where the labels of fit, best image and all images stand.
+    skins = (
+        ("superposed-pairs", "hydrogel disc", (43, 0.8), (40, 0.28), (88, 0.1)),
+        ("superposed-pairs-cam09-05", "two-layer skin 05", (34, 0.76), (79, 0.9), (63, 0.4)),
+    )
+    frames = shares[shares["method"] == _FIT]
+    images = shares[(shares["method"] != _FIT) & shares["apart"].notna()]
+    for axes, (scenario, title, *places) in zip(figure.subplots(2, 1), skins, strict=True):
+        of_images = images[images["scenario"] == scenario].pivot(
+            index="distance_mm", columns="method", values="apart"
+        )
+        best = of_images.mean().idxmax()
+        least, most = of_images.min(axis=1), of_images.max(axis=1)
+        axes.fill_between(of_images.index, least, most, color="0.85", lw=0)
+        drawn = (
+            (_FIT, COLOURS[0], "fit of\ntwo presses"),
+            (best, COLOURS[1], f"best image:\n{best}"),
+        )
+        for (method, colour, label), place in zip(drawn, places[:2], strict=True):
+            of = shares[(shares["scenario"] == scenario) & (shares["method"] == method)]
+            of = of[of["distance_mm"] > 0]
+            error = [of["apart"] - of["low"], of["high"] - of["apart"]]
+            axes.errorbar(
+                of["distance_mm"], of["apart"], error, color=colour, marker="o", ms=3, lw=1.2,
+                elinewidth=0.6,
+            )  # fmt: skip
+            axes.text(*place, label, color=colour, fontsize=NOTE, va="top")
+        axes.text(*places[2], "all images", color="0.25", fontsize=NOTE)
+        axes.set_title(title, loc="left")
+        axes.set_ylim(-0.02, 1.05)
+        axes.set_xlim(5, 113)
+        axes.set_ylabel("share told apart")
+        axes.grid(alpha=0.3, lw=0.4)
+        if scenario == "superposed-pairs":
+            real = frames[frames["scenario"] == "real-pairs"]
+            axes.plot(
+                real["distance_mm"], real["apart"], ls="", marker="D", ms=5, mfc="white",
+                color=COLOURS[0], zorder=3,
+            )  # fmt: skip
+            axes.text(
+                72, 0.5, "real pairs", color=COLOURS[0], fontsize=NOTE, ha="right", va="center"
+            )
+    axes.set_xlabel("distance of the two touches [mm]")
+    return figure
+
+
+def _novelty() -> Figure:
+    return draw_novelty(read_novelty(record("novelty")))
+
+
+DRAWINGS: dict[str, Callable[[], Figure]] = {
+    "new-skin.png": _new_skin,
+    "skin-maps.svg": _skin_maps,
+    "skin-drift.png": _skin_drift,
+    "two-touch.png": _two_touch,
+    "novelty.png": _novelty,
+}
+"""By their files in `docs`."""
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or DRAWINGS:
+        file = Path(name)
+        with mpl.rc_context(STYLE):
+            save(DRAWINGS[name](), DOCS / file.stem, (file.suffix[1:],))
