@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 
 import pandas as pd
-from docs.tables.record import SCENARIOS, STUDIES, printed
+from docs.tables.record import SCENARIOS, STUDIES, printed, record
 
 from eitbench.methods.weights.weight_files import packaged_weights
 from eitbench.reports.claims.rules import LABELS
@@ -98,11 +98,12 @@ def _boards() -> str:
 
 
 def _families() -> str:
-    stored = pd.read_csv(STUDIES / "noise" / "families.csv")
-    psnr = stored.pivot_table(index="method", columns="family", values="psnr")
+    samples = record("shapes").samples
+    psnr = samples.pivot_table(index="method", columns="family", values="psnr")
     psnr = psnr.loc[psnr.mean(axis=1).sort_values(ascending=False).index]
+    (n,) = samples.groupby(["method", "family"]).size().unique()
     rows = [[f"`{method}`", *(f"{value:.1f}" for value in row)] for method, row in psnr.iterrows()]
-    return printed(["PSNR [dB]", *psnr.columns], rows)
+    return printed([f"PSNR [dB] of {n} samples each", *psnr.columns], rows)
 
 
 def _losses() -> str:

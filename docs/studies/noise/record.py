@@ -1,9 +1,9 @@
 """The record of the boards `noise` and `shapes`, from stored runs.
 
 `python -m docs.studies.noise.record RUN...` writes the mean figures of every method on every
-scenario to `boards.csv` (`psnr_of_mean` is the PSNR of the mean squared error), those of each
-family of `shapes` to `families.csv`, and commands and versions to `runs.json`. Samples that several
-runs have count once, as the first of the runs has them.
+scenario to `boards.csv` (`psnr_of_mean` is the PSNR of the mean squared error), and commands and
+versions to `runs.json`. Samples that several runs have count once, as the first of the runs has
+them.
 """
 
 import json
@@ -30,9 +30,6 @@ def write(paths: Sequence[Path]) -> None:
     table = table.join(of["psnr"].agg(psnr_of_mean).rename("psnr_of_mean"))
     table = table.join(of["frame_ms"].median()).join(of.size().rename("n")).reset_index()
     table.to_csv(OUT / "boards.csv", index=False, float_format="%.6g", lineterminator="\n")
-    shapes = samples[samples["scenario"] == "shapes"].groupby(["method", "family"])
-    families = shapes["psnr"].mean().to_frame().join(shapes.size().rename("n")).reset_index()
-    families.to_csv(OUT / "families.csv", index=False, float_format="%.6g", lineterminator="\n")
     (OUT / "runs.json").write_text(json.dumps(about_runs(runs), indent=1) + "\n")
 
 
