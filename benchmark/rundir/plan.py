@@ -250,10 +250,17 @@ def make_plan(
     for name in scenarios:
         if name not in declared:
             raise unknown_name(f"scenario in suite {suite.name!r}:", name, declared)
+    # Frames that may be novel are told from those of the familiar scenario.
+    wanted = {
+        name
+        for scenario in suite.scenarios
+        if not scenarios or scenario.name in scenarios
+        for name in (scenario.name, suite.familiar(scenario).name)
+    }
     return Plan(
         suite=suite,
         names=chosen,
-        scenarios=tuple(name for name in declared if not scenarios or name in scenarios),
+        scenarios=tuple(name for name in declared if name in wanted),
         limit=suite.limit if limit is None else limit,
         tracks=tuple(dict.fromkeys(tracks)),
         plugins=tuple(files),

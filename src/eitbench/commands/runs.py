@@ -45,7 +45,8 @@ def run(
         typer.Option(metavar="A,B", help="Run these forward operators only (suite `operators`)."),
     ] = None,
     scenarios: Annotated[
-        str | None, typer.Option(metavar="X,Y", help="Run these scenarios only.")
+        str | None,
+        typer.Option(metavar="X,Y", help="These scenarios only, with their familiar ones."),
     ] = None,
     limit: Limit = None,
     sensor: Annotated[

@@ -174,6 +174,11 @@ def test_figures_are_the_same_without_their_intervals(run: Run) -> None:
     assert not np.isnan(whole[0].figures["auroc"].low)
 
 
+def test_a_condition_brings_its_familiar_one_along() -> None:
+    assert make_plan(SUITE, methods=["noser"], scenarios=["novel"]).scenarios == ("known", "novel")
+    assert make_plan(SUITE, methods=["noser"], scenarios=["known"]).scenarios == ("known",)
+
+
 def test_without_the_familiar_condition_nothing_is_judged(run: Run) -> None:
     assert findings(replace(run, samples=run.samples[run.samples["scenario"] == "novel"])) == []
     assert findings(replace(run, samples=run.samples.drop(columns="residual"))) == []
