@@ -33,7 +33,7 @@ def packed_images(
     """Pack the images of the best, the median and the worst case of each family, by all methods.
 
     Cases are ordered by the mean, over methods, of the figure `by`. None where nothing ranks the
-    samples.
+    samples, or where no image of a case is there.
 
     Args:
         methods: the run and the name of each method, by its label; the runs are of the same data.
@@ -61,6 +61,11 @@ def packed_images(
     cases = _shown(cases, families)
     samples = sorted({case["sample"] for case in cases})
     scene = next(iter(methods.values()))[0].scene(scenario, samples)
+    # A record may have been made when others were shown.
+    samples = scene.sample.tolist()
+    cases = [case for case in cases if case["sample"] in samples]
+    if not cases:
+        return None
     stacks: dict[str, NDArray[np.float64]] = {}
     if scene.truth is not None and not scene.has_classes:
         stacks[TRUTH] = scene.truth

@@ -4,6 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -95,6 +96,23 @@ def test_images_are_those_that_a_page_shows_rounded(run: Path, record: Path) -> 
     assert (record / "reconstructions.h5").stat().st_size < 0.5 * (
         run / "reconstructions.h5"
     ).stat().st_size
+
+
+def test_cases_without_images_are_left_out(record: Path, tmp_path: Path) -> None:
+    """As in a record of a version that showed other cases."""
+    (shown,) = report_data([record])["boards"]
+    assert shown["images"] is not None
+    lacking = Path(shutil.copytree(record, tmp_path / "record"))
+    for left in (shown["images"]["samples"][:1], []):
+        with h5py.File(lacking / "reconstructions.h5", "r+") as file:
+            for group in file["n"].values():
+                rows = np.flatnonzero(np.isin(group["sample"][:], left))
+                for name in group.keys() - {"mask"}:
+                    values, attributes = group[name][:][rows], dict(group[name].attrs)
+                    del group[name]
+                    group.create_dataset(name, data=values).attrs.update(attributes)
+        images = report_data([lacking])["boards"][0]["images"]
+        assert (images["samples"] if images else []) == left
 
 
 def test_a_site_is_built_from_records_alone(record: Path, tmp_path: Path) -> None:
