@@ -1,1 +1,1 @@
-"""Analyses of stored runs: leaderboards, standings, comparisons, submissions."""
+"""Analyses of stored runs: leaderboards, standings, comparisons."""

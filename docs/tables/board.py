@@ -8,8 +8,8 @@ import numpy as np
 from docs.tables.record import BOARD, printed, recorded
 from rich.console import Console
 
-from eitbench.benchmark.analysis.hidden import read_hidden
 from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.submissions.hidden import read_hidden
 from eitbench.reports.board.changes import version_key
 from eitbench.reports.board.records import spent_s
 from eitbench.reports.tables.gaps import HEADS, gap_texts

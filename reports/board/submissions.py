@@ -13,12 +13,13 @@ import numpy as np
 from eitbench.benchmark import InputError, atomic_write
 from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.results import NOTES_FILE, ROUNDED
-from eitbench.benchmark.analysis.statement import STATEMENT, Statement
-from eitbench.benchmark.analysis.submission import check_submission, open_submission
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH, rounded_images
 from eitbench.benchmark.rundir.store import SAMPLES
+from eitbench.benchmark.submissions.check import check_submission
+from eitbench.benchmark.submissions.statement import STATEMENT, Statement
+from eitbench.benchmark.submissions.submission import open_submission
 from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 
 TOLERANCE, TOLERANCE_MM = 1e-3, 0.1

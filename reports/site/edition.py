@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eitbench.benchmark import InputError
-from eitbench.benchmark.analysis.hidden import PublishedKey, published_keys
 from eitbench.benchmark.analysis.overall import DataFigures, WinsRow, wins_over_suites
 from eitbench.benchmark.analysis.results import Run, read_run
-from eitbench.benchmark.analysis.statement import read_statement
-from eitbench.benchmark.analysis.submission import FOLDER as SUBMISSIONS
-from eitbench.benchmark.analysis.tiers import is_ranked, is_submission
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.file_names import file_name
+from eitbench.benchmark.submissions.hidden import PublishedKey, published_keys
+from eitbench.benchmark.submissions.statement import read_statement
+from eitbench.benchmark.submissions.submission import FOLDER as SUBMISSIONS
+from eitbench.benchmark.submissions.tiers import is_ranked, is_submission
 from eitbench.reports.board.changes import changes, in_words, last_before, reasons, version_key
 from eitbench.reports.page.report import to_page
 from eitbench.reports.page.report_data import (

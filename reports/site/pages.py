@@ -9,11 +9,11 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
-from eitbench.benchmark.analysis.hidden import is_retired, published_keys, read_hidden
 from eitbench.benchmark.analysis.overall import MIN_SCENARIOS
 from eitbench.benchmark.analysis.results import failures
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
-from eitbench.benchmark.analysis.tiers import is_ranked, tier
+from eitbench.benchmark.submissions.hidden import is_retired, published_keys, read_hidden
+from eitbench.benchmark.submissions.tiers import is_ranked, tier
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.report_data import counted_data
 from eitbench.reports.site.edition import Edition, SuitePart, method_file, name_of

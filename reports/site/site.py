@@ -17,13 +17,13 @@ from eitbench import __version__
 from eitbench.benchmark import EitbenchError, atomic_write
 from eitbench.benchmark.analysis.catalogue import about_method, about_recording, packaged_suites
 from eitbench.benchmark.analysis.results import NOTES_FILE, Run, plugin_file
-from eitbench.benchmark.analysis.statement import read_statement
-from eitbench.benchmark.analysis.submission import FOLDER as SUBMISSIONS
-from eitbench.benchmark.analysis.tiers import is_submission
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.benchmark.rundir.kinds import RUN_KINDS
 from eitbench.benchmark.rundir.store import SAMPLES
+from eitbench.benchmark.submissions.statement import read_statement
+from eitbench.benchmark.submissions.submission import FOLDER as SUBMISSIONS
+from eitbench.benchmark.submissions.tiers import is_submission
 from eitbench.reports.findings.collect import findings
 from eitbench.reports.page.rendering import asset, render
 from eitbench.reports.page.report import to_page

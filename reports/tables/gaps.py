@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from eitbench.benchmark.analysis.hidden import Gap
 from eitbench.benchmark.analysis.leaderboard import Row
 from eitbench.benchmark.analysis.results import Run
-from eitbench.benchmark.analysis.tiers import is_submission, reproduced_on, tier
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS
+from eitbench.benchmark.submissions.hidden import Gap
+from eitbench.benchmark.submissions.tiers import is_submission, reproduced_on, tier
 from eitbench.reports.tables.columns import METHOD_LAYOUT
 
 HEADS = ("Scenario", "Method", "Figure", "n", "Open", "Hidden", "Difference (95 %)", "p", "Verdict")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from eitbench.benchmark.analysis import submission
+from eitbench.benchmark.submissions import run_checks
 from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.commands.board import VERSION
 from eitbench.scenarios.errors import InputError
@@ -38,7 +38,7 @@ class Mine(Method):
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(suites, "load_suite", lambda name: SUITE)
-    monkeypatch.setattr(submission, "load_suite", lambda name: SUITE)
+    monkeypatch.setattr(run_checks, "load_suite", lambda name: SUITE)
     monkeypatch.setattr("eitbench.benchmark.rundir.manifest.git_commit", lambda: "a" * 40)
 
 

@@ -103,7 +103,8 @@ def test_cases_without_images_are_left_out(record: Path, tmp_path: Path) -> None
     (shown,) = report_data([record])["boards"]
     assert shown["images"] is not None
     lacking = Path(shutil.copytree(record, tmp_path / "record"))
-    for left in (shown["images"]["samples"][:1], []):
+    kept: list[int] = shown["images"]["samples"][:1]
+    for left in (kept, []):
         with h5py.File(lacking / "reconstructions.h5", "r+") as file:
             for group in file["n"].values():
                 rows = np.flatnonzero(np.isin(group["sample"][:], left))

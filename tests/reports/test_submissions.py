@@ -12,15 +12,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eitbench.benchmark.analysis import submission
-from eitbench.benchmark.analysis.hidden import Gap, HiddenRecord, write_hidden
-from eitbench.benchmark.analysis.rerun import note_reproduced, rerun
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.benchmark.analysis.statement import STATEMENT
-from eitbench.benchmark.analysis.submission import FILES, check_submission, open_submission
-from eitbench.benchmark.analysis.tiers import tier
 from eitbench.benchmark.run import prior_knowledge
 from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.benchmark.submissions import run_checks
+from eitbench.benchmark.submissions.check import check_submission
+from eitbench.benchmark.submissions.hidden import Gap, HiddenRecord, write_hidden
+from eitbench.benchmark.submissions.rerun import note_reproduced, rerun
+from eitbench.benchmark.submissions.statement import STATEMENT
+from eitbench.benchmark.submissions.submission import FILES, open_submission
+from eitbench.benchmark.submissions.tiers import tier
 from eitbench.reports.board import submissions
 from eitbench.reports.board.records import write_record
 from eitbench.reports.board.submissions import TOLERANCE, write_submission
@@ -63,8 +64,8 @@ SAID = {
 def packaged(monkeypatch: pytest.MonkeyPatch) -> None:
     # The checkout that is tested may be changed.
     monkeypatch.setattr("eitbench.benchmark.rundir.manifest.git_commit", lambda: "a" * 40)
-    monkeypatch.setattr(submission, "suites", lambda: {"mine": None})
-    monkeypatch.setattr(submission, "load_suite", lambda name: SUITE)
+    monkeypatch.setattr(run_checks, "suites", lambda: {"mine": None})
+    monkeypatch.setattr(run_checks, "load_suite", lambda name: SUITE)
 
 
 @pytest.fixture(scope="module")
@@ -84,8 +85,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def blank(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What `submission make` writes, before its author has said anything."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(submission, "suites", lambda: {"mine": None})
-        patch.setattr(submission, "load_suite", lambda name: SUITE)
+        patch.setattr(run_checks, "suites", lambda: {"mine": None})
+        patch.setattr(run_checks, "load_suite", lambda name: SUITE)
         out = tmp_path_factory.mktemp("made") / "gentle"
         written = write_submission(run, out)
     assert written.folder == out

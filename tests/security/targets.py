@@ -15,10 +15,9 @@ import scipy.io
 from tests.security import mutations
 from tests.security.mutations import Mutation
 
-from eitbench.benchmark.analysis import comparison, submission
+from eitbench.benchmark.analysis import comparison
 from eitbench.benchmark.analysis.rescore import rescored
 from eitbench.benchmark.analysis.results import NOTES_FILE, read_run
-from eitbench.benchmark.analysis.statement import STATEMENT, Statement, read_statement
 from eitbench.benchmark.findings.ladder import read_ladder
 from eitbench.benchmark.run.runner import start_run
 from eitbench.benchmark.rundir import manifest
@@ -26,6 +25,9 @@ from eitbench.benchmark.rundir.cells import Batch, Cell
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.plan import make_plan, read_resumable
 from eitbench.benchmark.rundir.store import SAMPLES, RunStore
+from eitbench.benchmark.submissions import submission
+from eitbench.benchmark.submissions.check import CHECKS
+from eitbench.benchmark.submissions.statement import STATEMENT, Statement, read_statement
 from eitbench.benchmark.tuning import selection as recorded
 from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.importing.arrays import Choice, find_frames
@@ -227,7 +229,7 @@ def _runs(folder: Path, run: Path) -> dict[str, Target]:
 
     def submitted(path: Path) -> None:
         spoilt = read_run(path.parent)
-        check = submission.CHECKS["the leaderboard follows from the figures"]
+        check = CHECKS["the leaderboard follows from the figures"]
         check(submission.Submission(spoilt, plan, 1))
 
     own = {

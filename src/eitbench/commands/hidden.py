@@ -20,8 +20,8 @@ def new_key(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="New file, to be kept secret.")],
 ) -> None:
     """Make a random key and print its SHA-256, which is published before the key is used."""
-    from eitbench.benchmark.analysis.hidden import KEYS
-    from eitbench.benchmark.analysis.hidden import new_key as made
+    from eitbench.benchmark.submissions.hidden import KEYS
+    from eitbench.benchmark.submissions.hidden import new_key as made
 
     sha256 = made(file)
     typer.echo(f"Key: {file}. Keep it out of every repository.")
@@ -52,9 +52,9 @@ def run(
     are those of the open suite. The run holds the true images, so it stays with the key; `eitbench
     hidden gap` makes what is published.
     """
-    from eitbench.benchmark.analysis.hidden import KEYS, hidden_suite, read_key
     from eitbench.benchmark.run.progress import RunProgress
     from eitbench.benchmark.run.runner import make_plan, start_run
+    from eitbench.benchmark.submissions.hidden import KEYS, hidden_suite, read_key
     from eitbench.benchmark.workers.confinement import check_isolation, check_unreadable
     from eitbench.scenarios.data.simulation import split_folder
     from eitbench.scenarios.errors import unknown_name
@@ -95,8 +95,8 @@ def gap(
     as_json: Json = False,
 ) -> None:
     """Say what each method loses on the hidden set, and whether that is more than chance."""
-    from eitbench.benchmark.analysis.hidden import hidden_record, write_hidden
     from eitbench.benchmark.analysis.results import read_run
+    from eitbench.benchmark.submissions.hidden import hidden_record, write_hidden
     from eitbench.commands.tables import gaps_table
     from eitbench.reports.tables.gaps import gaps_note
 

@@ -9,7 +9,7 @@ from eitbench.commands.console import fail, print_check
 from eitbench.commands.runs import Isolate
 
 if TYPE_CHECKING:
-    from eitbench.benchmark.analysis.submission import Submission
+    from eitbench.benchmark.submissions.submission import Submission
 
 app = typer.Typer(
     help="Runs for the public leaderboard.",
@@ -32,7 +32,7 @@ def make(
     Images are rounded to 1/1024 of their largest contrast or finer, where that moves no figure that
     ranks a method by more than 0.001 or, of a length, 0.1 mm.
     """
-    from eitbench.benchmark.analysis.statement import STATEMENT
+    from eitbench.benchmark.submissions.statement import STATEMENT
     from eitbench.reports.board.submissions import write_submission
 
     arrays = run / "reconstructions.h5"
@@ -61,10 +61,11 @@ def check(
 
     Nothing that it holds is run or unpickled, unless --rerun asks for its plugins to be run.
     """
-    from eitbench.benchmark.analysis.rerun import note_reproduced
-    from eitbench.benchmark.analysis.rerun import rerun as run_again
-    from eitbench.benchmark.analysis.statement import STATEMENT
-    from eitbench.benchmark.analysis.submission import TRUST, check_submission, open_submission
+    from eitbench.benchmark.submissions.check import check_submission
+    from eitbench.benchmark.submissions.rerun import note_reproduced
+    from eitbench.benchmark.submissions.rerun import rerun as run_again
+    from eitbench.benchmark.submissions.statement import STATEMENT
+    from eitbench.benchmark.submissions.submission import TRUST, open_submission
 
     submission = open_submission(run, jobs=jobs)
     checks = check_submission(submission)
@@ -91,7 +92,7 @@ def check(
 def _print_trust(submission: "Submission") -> None:
     """Print the times, and the methods whose training data nobody can look up here."""
     from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
-    from eitbench.benchmark.analysis.submission import unknown_training
+    from eitbench.benchmark.submissions.submission import unknown_training
 
     for row in leaderboard_rows([submission.run]):
         frame, solves = row["frame_ms_p50"], row["frame_solves"]

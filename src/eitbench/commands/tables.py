@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from eitbench.benchmark.analysis.comparison import Change, RunComparison
-    from eitbench.benchmark.analysis.hidden import Gap
+    from eitbench.benchmark.submissions.hidden import Gap
 
 # Longer than a line; programs get it.
 _HIDDEN = ("citation",)

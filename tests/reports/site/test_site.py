@@ -12,9 +12,9 @@ import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest
 
-from eitbench.benchmark.analysis.hidden import Gap, HiddenRecord, write_hidden
-from eitbench.benchmark.analysis.rerun import digest
 from eitbench.benchmark.analysis.results import SHOWN
+from eitbench.benchmark.submissions.hidden import Gap, HiddenRecord, write_hidden
+from eitbench.benchmark.submissions.rerun import digest
 from eitbench.reports.site.site import write_site
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.errors import InputError

@@ -14,8 +14,16 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from eitbench.benchmark.analysis import hidden
-from eitbench.benchmark.analysis.hidden import (
+from eitbench.benchmark.analysis.leaderboard import Entry
+from eitbench.benchmark.analysis.results import Run, read_run
+from eitbench.benchmark.run.cell_task import CellPlan
+from eitbench.benchmark.run.method_cell import MethodData
+from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.benchmark.rundir.cells import Cell
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.store import RunStore
+from eitbench.benchmark.submissions import hidden
+from eitbench.benchmark.submissions.hidden import (
     HiddenRecord,
     gap_of,
     hidden_record,
@@ -25,14 +33,6 @@ from eitbench.benchmark.analysis.hidden import (
     read_key,
     write_hidden,
 )
-from eitbench.benchmark.analysis.leaderboard import Entry
-from eitbench.benchmark.analysis.results import Run, read_run
-from eitbench.benchmark.run.cell_task import CellPlan
-from eitbench.benchmark.run.method_cell import MethodData
-from eitbench.benchmark.run.runner import make_plan, start_run
-from eitbench.benchmark.rundir.cells import Cell
-from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.benchmark.rundir.store import RunStore
 from eitbench.reports.board.records import write_record
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import DataCorruptError, InputError

@@ -12,12 +12,13 @@ import h5py
 import pandas as pd
 import pytest
 
-from eitbench.benchmark.analysis import submission
-from eitbench.benchmark.analysis.rerun import digest, note_reproduced, reproduced, rerun
 from eitbench.benchmark.analysis.rescore import rescore
-from eitbench.benchmark.analysis.submission import CHECKS, check_submission, open_submission
 from eitbench.benchmark.run import method_cell
 from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.benchmark.submissions import run_checks
+from eitbench.benchmark.submissions.check import CHECKS, check_submission
+from eitbench.benchmark.submissions.rerun import digest, note_reproduced, reproduced, rerun
+from eitbench.benchmark.submissions.submission import open_submission
 from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 from eitbench.scenarios.data.datasets import Dataset
@@ -53,8 +54,8 @@ def submitted(tmp_path_factory: pytest.TempPathFactory, tiny: Suite) -> Path:
 def packaged(monkeypatch: pytest.MonkeyPatch, tiny: Suite) -> None:
     # The checkout that is tested may be changed.
     monkeypatch.setattr("eitbench.benchmark.rundir.manifest.git_commit", lambda: "a" * 40)
-    monkeypatch.setattr(submission, "suites", lambda: {"tiny": None})
-    monkeypatch.setattr(submission, "load_suite", lambda name: tiny)
+    monkeypatch.setattr(run_checks, "suites", lambda: {"tiny": None})
+    monkeypatch.setattr(run_checks, "load_suite", lambda name: tiny)
 
 
 def test_an_honest_run_passes(submitted: Path) -> None:
@@ -368,7 +369,7 @@ def test_another_version_of_numpy_may_round_otherwise(submitted: Path, tmp_path:
 def test_suites_of_ones_own_and_operators_are_no_submissions(
     submitted: Path, build_operators: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(submission, "suites", lambda: {})
+    monkeypatch.setattr(run_checks, "suites", lambda: {})
     assert "is not one of eitbench's" in problem(submitted, SUITE)
     with pytest.raises(InputError, match="operators"):
         open_submission(build_operators({"fem": 0.1}))
@@ -463,7 +464,7 @@ def test_a_registration_is_fitted_again(
     monkeypatch.setattr(method_cell, "fetch_recording", lambda *args, **kwargs: tmp_path)
     skin = RecordedScenario(name="skin", recording="ohmc16")
     suite = tiny.model_copy(update={"scenarios": (skin,)})
-    monkeypatch.setattr(submission, "load_suite", lambda name: suite)
+    monkeypatch.setattr(run_checks, "load_suite", lambda name: suite)
     run = start_run(make_plan(suite, methods=["my-noser"]), tmp_path / "run").path
     assert problem(run, REGISTRATIONS) == ""
     cells = pd.read_parquet(run / "methods.parquet")

@@ -6,11 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from eitbench.benchmark.analysis.hidden import Gap, gap_of, is_retired, published_keys, read_hidden
-from eitbench.benchmark.analysis.rerun import digest, reproduced
 from eitbench.benchmark.analysis.results import Run
-from eitbench.benchmark.analysis.statement import STATEMENT
-from eitbench.benchmark.analysis.submission import FOLDER
+from eitbench.benchmark.submissions.hidden import (
+    Gap,
+    gap_of,
+    is_retired,
+    published_keys,
+    read_hidden,
+)
+from eitbench.benchmark.submissions.rerun import digest, reproduced
+from eitbench.benchmark.submissions.statement import STATEMENT
+from eitbench.benchmark.submissions.submission import FOLDER
 
 Tier = Literal["self-reported", "reproduced", "hidden"]
 """The images are its author's; we made them again from code; we also ran it on a hidden set."""

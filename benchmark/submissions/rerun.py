@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.benchmark.analysis.results import NOTES_FILE, ROUNDED, describe_actions
-from eitbench.benchmark.analysis.submission import Check, Submission
 from eitbench.benchmark.checks.method_checks import SAME_FRAME
 from eitbench.benchmark.run.cell import BatchRunner
 from eitbench.benchmark.run.cell_task import CellPlan, StoredSamples
@@ -34,6 +33,8 @@ from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.plan import sha256
 from eitbench.benchmark.rundir.run_arrays import read_validation, rounded_images
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS, RunStore
+from eitbench.benchmark.submissions.check import Check
+from eitbench.benchmark.submissions.submission import Submission
 from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.storage.atomic_write import atomic_write

@@ -1,0 +1,1 @@
+"""Runs that others submit to the leaderboard: checked, run again, and judged on hidden sets."""

@@ -1,0 +1,184 @@
+"""Checks of what a submission shows: frames, truth, images, figures and standings.
+
+Data, truth and geometry are ours; figures and the registration are computed again from the stored
+images. That the images are those of the method only a rerun tells, see `rerun`.
+
+Each check returns what is wrong, as a sentence; "" where nothing is.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+from eitbench.benchmark.analysis.recording_notes import notes_of
+from eitbench.benchmark.analysis.rescore import ROUNDING, rescored
+from eitbench.benchmark.analysis.results import (
+    NOTES_FILE,
+    cells_of,
+)
+from eitbench.benchmark.analysis.standings import standings
+from eitbench.benchmark.metrics.evaluation import fit_registration
+from eitbench.benchmark.rundir.folder import read_json_file
+from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.run_arrays import read_validation
+from eitbench.benchmark.submissions.submission import LEADERBOARD, Submission, rows_of
+from eitbench.scenarios.similarity import Similarity
+from eitbench.scenarios.suites.scenario import RecordedScenario
+
+PLAUSIBLE_PSNR_DB = 45.0
+"""The best known method has 31 dB on clean data, and the published ones 33."""
+
+PLAUSIBLE_PLACE_MM = 0.1
+"""A press is placed by a robot that is not more accurate."""
+
+
+def frames_are_ours(of: Submission) -> str:
+    """Frames, descriptions, geometry or truth that are not ours."""
+    run, cells = of.run, cells_of(of.run.samples)
+    for name, ours in of.data.items():
+        data = ours.test
+        if run.manifest["data"][name]["hash"] != data.data_hash:
+            return f"The data of {name!r} are not those of this version of eitbench."
+        for (scenario, method), ordered in cells.items():
+            if scenario != name:
+                continue
+            if of.same_numbers and ordered["input_hash"].tolist() != data.frame_hashes:
+                return f"{method!r} was given other frames of {name!r} than ours."
+            known = data.samples.drop(columns="sample")
+            for column in known:
+                if column not in ordered or not _same(ordered[column], known[column]):
+                    return f"The column {column!r} of {method!r} on {name!r} was changed."
+        scene, (attributes, arrays) = run.scene(name, range(len(data))), ours.truth()
+        for what, value in {**attributes, "mask": arrays["mask"]}.items():
+            if not np.array_equal(getattr(scene, what), value):
+                return f"The scenario {name!r} is stored with another {what!r} than ours."
+        truth = data.conductivity if data.truth == "conductivity" else data.classes
+        if truth is not None and (scene.truth is None or not _agree(scene.truth, truth)):
+            return f"The truth that is stored of {name!r} is not ours."
+    return ""
+
+
+def _same(one: Any, other: Any) -> bool:
+    # A column that another scenario of the run lacks is stored as float.
+    if other.dtype.kind in "iuf":
+        return _agree(one.to_numpy(float), other.to_numpy(float))
+    return bool(one.astype(str).tolist() == other.astype(str).tolist())
+
+
+def _agree(one: Any, other: Any) -> bool:
+    """True if arrays are equal but for what other versions of NumPy round otherwise."""
+    return one.shape == other.shape and np.allclose(
+        one, other, rtol=ROUNDING, atol=ROUNDING, equal_nan=True
+    )
+
+
+def failures_are_reported(of: Submission) -> str:
+    """A status that the stored image contradicts."""
+    for (scenario, method), ordered in cells_of(of.run.samples).items():
+        images = of.run.estimates(scenario, method, ordered["sample"].tolist())
+        mask = of.data[scenario].test.sensor.mask
+        if images is None:
+            return f"There are no images of {method!r} on {scenario!r}."
+        whole = np.isfinite(images[:, mask]).all(axis=1)
+        if not np.array_equal(whole, ordered["status"] == "ok"):
+            return (
+                f"The status of {method!r} on {scenario!r} does not say which of its images are "
+                "whole."
+            )
+    return ""
+
+
+def registrations_are_ours(of: Submission) -> str:
+    """A registration that does not follow from the images of validation presses."""
+    for (scenario, method), rows in rows_of(of.run.cells).items():
+        validation = of.data[scenario].validation
+        if validation is None:
+            continue
+        shape = (len(validation), *validation.sensor.image_shape)
+        images = read_validation(of.run.path / METHOD_RUNS.arrays, scenario, method, shape)
+        fitted = fit_registration(validation, images)
+        stored = Similarity.from_json(rows["registration"].iloc[0])
+        pairs = ((stored.scale, fitted.scale), (stored.turn, fitted.turn),
+                 (stored.shift, fitted.shift))  # fmt: skip
+        if not all(_agree(np.asarray(one), np.asarray(other)) for one, other in pairs):
+            return (
+                f"The registration of {method!r} on {scenario!r} does not follow from its images "
+                "of the validation presses."
+            )
+    return ""
+
+
+def scores_are_ours(of: Submission) -> str:
+    """Figures that the stored images do not give."""
+    for cell, _ in rescored(of.run):
+        if cell.changed:
+            return (
+                f"{cell.changed} of {cell.n} samples of {cell.method!r} on {cell.scenario!r} have "
+                f"other figures than their stored images give: {', '.join(cell.figures)}."
+            )
+    return ""
+
+
+def leaderboard_follows(of: Submission) -> str:
+    """Rows of the leaderboard that the samples do not give."""
+    run = of.run
+    try:
+        stored = json.loads(read_json_file(run.path / LEADERBOARD).decode())
+        rows = {(row["scenario"], row["method"]): row for row in stored}
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        return f"{LEADERBOARD} cannot be read ({type(error).__name__})."
+    expected = [row for standing in standings([run]) for row in standing.rows]
+    if len(stored) != len(expected):
+        return f"{LEADERBOARD} has {len(stored)} rows, and the samples give {len(expected)}."
+    for row in expected:
+        there = rows.get((row["scenario"], row["method"]), {})
+        for name, value in row.items():
+            # A folder may be renamed.
+            if name != "run" and not _agrees(there.get(name), value):
+                return (
+                    f"In {LEADERBOARD} the {name} of {row['method']!r} on {row['scenario']!r} is "
+                    f"{there.get(name)}, and the samples give {value}."
+                )
+    return ""
+
+
+def _agrees(stored: Any, value: Any) -> bool:
+    if isinstance(value, float) and isinstance(stored, float | int):
+        return bool(np.isclose(stored, value, rtol=ROUNDING, atol=ROUNDING))
+    return bool(stored == value)
+
+
+def notes_are_ours(of: Submission) -> str:
+    """Notes on recordings that the data do not give."""
+    run = of.run
+    for scenario in of.plan.suite.scenarios:
+        if isinstance(scenario, RecordedScenario):
+            n = run.manifest["data"][scenario.name]["n"]
+            stored = run.notes.get(scenario.name, {})
+            for name, value in notes_of(scenario, n).items():
+                if not _agrees(stored.get(name), value):
+                    return (
+                        f"{NOTES_FILE} says {name} {stored.get(name)} of {scenario.name!r}, and "
+                        f"its data say {value}."
+                    )
+    return ""
+
+
+def is_plausible(of: Submission) -> str:
+    """Figures that are better than frames allow."""
+    for (scenario, method), rows in cells_of(of.run.samples).items():
+        psnr, place = rows["psnr"].mean(), rows["localisation_mm"].median()
+        if psnr > PLAUSIBLE_PSNR_DB:
+            told = f"a PSNR of {psnr:.1f} dB"
+        elif rows["ssim"].isna().all() and place < PLAUSIBLE_PLACE_MM:
+            told = f"places that are right to {place:.2g} mm"
+        else:
+            continue
+        return (
+            f"{method!r} on {scenario!r} has {told}, which is better than frames allow: look where "
+            "it gets the truth from."
+        )
+    return ""
