@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,18 +64,17 @@ def strip(images: Mapping[str, Any], label: str, positions: Sequence[int]) -> by
 def over_noise(boards: Sequence[BoardData], label: str) -> bytes | None:
     """An SVG of PSNR against the noise of a suite, one method before all others.
 
-    None where it is on fewer than three levels.
+    None where it is on fewer than three levels, or where scenarios of one level differ otherwise.
     """
     import matplotlib as mpl
     from matplotlib import pyplot
 
-    levels = sorted(
-        (float(board["snr_db"]), board)
-        for board in boards
-        if isinstance(board["snr_db"], int | float)
-    )
+    known = [board for board in boards if isinstance(board["snr_db"], int | float)]
+    by_level = {float(board["snr_db"]): board for board in known}
+    if len(by_level) < len(known):
+        return None
     curves: dict[str, list[tuple[float, float]]] = {}
-    for level, board in levels:
+    for level, board in sorted(by_level.items(), key=itemgetter(0)):
         for row in board["views"][0]["rows"]:
             if row.get("psnr") is not None:
                 curves.setdefault(row["label"], []).append((level, row["psnr"]))
