@@ -69,12 +69,16 @@ def over_noise(boards: Sequence[BoardData], label: str) -> bytes | None:
     import matplotlib as mpl
     from matplotlib import pyplot
 
-    known = [board for board in boards if isinstance(board["snr_db"], int | float)]
-    by_level = {float(board["snr_db"]): board for board in known}
-    if len(by_level) < len(known):
+    known = [
+        (float(level), board)
+        for board in boards
+        if isinstance(level := board["snr_db"], int | float)
+    ]
+    known.sort(key=itemgetter(0))
+    if len(dict(known)) < len(known):
         return None
     curves: dict[str, list[tuple[float, float]]] = {}
-    for level, board in sorted(by_level.items(), key=itemgetter(0)):
+    for level, board in known:
         for row in board["views"][0]["rows"]:
             if row.get("psnr") is not None:
                 curves.setdefault(row["label"], []).append((level, row["psnr"]))
