@@ -15,11 +15,10 @@ import numpy as np
 import pandas as pd
 
 from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, Interval, bootstrap, means
+from eitbench.benchmark.rundir.few_bytes import FRAME_DIGITS
 from eitbench.scenarios.arrays import Array
 
 RECORDS = Path(__file__).parent / "records"
-FRAME_DIGITS = 16
-"""Of the hash of a frame, by which it is known: records of the leaderboard keep no more."""
 
 
 @lru_cache(maxsize=1)
@@ -52,6 +51,7 @@ def frames_among(scenario: str, hashes: Sequence[str]) -> pd.DataFrame:
 
 
 def _known_by(hashes: Sequence[str]) -> list[str]:
+    # Records of the leaderboard keep no more digits.
     return [of[:FRAME_DIGITS] for of in hashes]
 
 

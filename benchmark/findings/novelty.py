@@ -61,7 +61,7 @@ class Told:
     failed: int
 
 
-def read_novelty(run: Run, with_intervals: bool = True) -> list[Told]:
+def read_novelty(run: Run, *, with_intervals: bool = True) -> list[Told]:
     """All scores of a run, by scenario in its order, the best of a scenario first.
 
     Args:
@@ -77,14 +77,14 @@ def read_novelty(run: Run, with_intervals: bool = True) -> list[Told]:
         if familiar == scenario or not {scenario.name, familiar.name} <= set(run.scenarios()):
             continue
         of = [
-            _told(scenario, familiar, method, score, rows, with_intervals)
+            _told(scenario, familiar, method, score, rows, with_intervals=with_intervals)
             for method in run.cells["method"].unique().tolist()
             for score in scores
             if score != FRAME
             and (rows := _rows(run, method, score, scenario, familiar)) is not None
         ]
         frames = _of_frames(run, scenario, familiar)
-        of.append(_told(scenario, familiar, NOBODY, FRAME, frames, with_intervals))
+        of.append(_told(scenario, familiar, NOBODY, FRAME, frames, with_intervals=with_intervals))
         found += sorted(of, key=lambda one: -one.figures["auroc"].value)
     return found
 
@@ -114,7 +114,8 @@ def _told(
     method: str,
     score: str,
     rows: pd.DataFrame,
-    with_intervals: bool = True,
+    *,
+    with_intervals: bool,
 ) -> Told:
     answered = (rows["status"] == "ok").to_numpy()
     # Whatever a frame that failed is charged: it has no image.

@@ -8,6 +8,8 @@ from eitbench.scenarios.arrays import Array
 DIGITS = 21
 """Binary digits that are kept of numbers, which are then known to a quarter of a millionth. With
 sign and exponent they fill four of the eight bytes."""
+FRAME_DIGITS = 16
+"""Hexadecimal digits that are kept of the hash of a frame, by which it is known."""
 NOTHING = -(2**15)
 """In place of a pixel without a value."""
 
@@ -19,7 +21,9 @@ def rounded(values: ArrayLike) -> Array:
 
 
 def packed(images: ArrayLike, step: float) -> NDArray[np.uint16]:
-    """Round images (n, H, W) to whole steps, in a form that compresses well.
+    """Round images (n, H, W) to whole steps, in a form (n, H, W) that compresses well.
+
+    A `step` is in the unit of the images.
 
     A pixel is predicted from those to its left, above and between (as of a plane), and the error,
     which is mostly near to 0, is stored with its sign in the last bit.
@@ -33,7 +37,10 @@ def packed(images: ArrayLike, step: float) -> NDArray[np.uint16]:
 
 
 def unpacked(stored: NDArray[np.uint16], step: float) -> Array:
-    """Return images (n, H, W) from what `packed` made of them, NaN without a value."""
+    """Return images (n, H, W), in the unit of the `step`, from what `packed` made of them.
+
+    NaN stands where there is no value.
+    """
     errors = ((stored >> 1) ^ -(stored & 1)).view(np.int16)
     whole = errors.cumsum(axis=2, dtype=np.int16).cumsum(axis=1, dtype=np.int16)
     return np.where(whole == NOTHING, np.nan, whole * step)

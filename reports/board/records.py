@@ -24,9 +24,8 @@ from eitbench.benchmark.analysis.results import (
     fastest_solves,
     read_run,
 )
-from eitbench.benchmark.ceiling.record import FRAME_DIGITS
 from eitbench.benchmark.rundir import manifest
-from eitbench.benchmark.rundir.few_bytes import packed, rounded
+from eitbench.benchmark.rundir.few_bytes import FRAME_DIGITS, packed, rounded
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.rundir.store import SAMPLES
@@ -73,7 +72,7 @@ def write_record(run_path: Path, out: Path) -> Path:
     cells = _without_busy_times(run, out).assign(checksums=checksums(run))
     cells.to_parquet(staged / run.kind.table, index=False)
     _write_samples(run.samples, staged / SAMPLES)
-    content = run.manifest | {"images": SHOWN}
+    content = _without_paths(run.manifest) | {"images": SHOWN}
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     atomic_write(staged / manifest.FILE_NAME, text.encode())
     if run.kind is METHOD_RUNS:  # operators have no images
@@ -83,6 +82,15 @@ def write_record(run_path: Path, out: Path) -> Path:
     with (out.parent / SUMS).open("a") as sums:
         sums.writelines(sums_of(out))
     return out
+
+
+def _without_paths(content: manifest.Manifest) -> manifest.Manifest:
+    """The manifest of a run with commands that anybody can repeat, in place of those as typed.
+
+    These name folders of one machine; the number of jobs has an entry of its own.
+    """
+    again = {"command_line": f"eitbench board {content['plan']['suite']['name']}"}
+    return content | again | {"resumed": [entry | again for entry in content["resumed"]]}
 
 
 def sums_of(record: Path) -> list[str]:

@@ -1,6 +1,7 @@
 """Records of the leaderboard: small, whole in their tables, and shown like the runs they are of."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -14,9 +15,8 @@ from typer.testing import CliRunner
 from eitbench.benchmark.analysis.leaderboard import SAME, leaderboard_rows
 from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.benchmark.ceiling.record import FRAME_DIGITS
 from eitbench.benchmark.run.runner import make_plan, start_run
-from eitbench.benchmark.rundir.few_bytes import DIGITS
+from eitbench.benchmark.rundir.few_bytes import DIGITS, FRAME_DIGITS
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
 from eitbench.commands.board import app
 from eitbench.commands.results import app as results
@@ -224,6 +224,22 @@ def test_the_cost_of_a_suite_is_that_of_its_last_record(record: Path) -> None:
 
 def test_the_manifest_of_a_record_says_what_it_is(record: Path) -> None:
     assert json.loads((record / "manifest.json").read_text())["images"] == "shown"
+
+
+def test_records_name_no_folder_of_the_machine_that_made_them(run: Path, tmp_path: Path) -> None:
+    typed = Path(shutil.copytree(run, tmp_path / "run"))
+    with edited_manifest(typed) as content:
+        content["command_line"] = f"eitbench board mine --runs {tmp_path}"
+        content["resumed"] = [{"command_line": content["command_line"], "jobs": 2}]
+    kept = write_record(typed, tmp_path / "2026.1" / "mine") / "manifest.json"
+    assert json.loads(kept.read_text())["resumed"] == [
+        {"command_line": "eitbench board mine", "jobs": 2}
+    ]
+    for manifest in (kept, *BOARD.glob("2*/*/manifest.json")):
+        content = json.loads(manifest.read_text())
+        for entry in (content, *content["resumed"]):
+            assert entry["command_line"] == f"eitbench board {manifest.parent.name}", manifest
+        assert not re.search(r'[" ](/|[A-Z]:)[\w.]', manifest.read_text()), manifest
 
 
 def changed_run(run: Path, psnr: float) -> Path:

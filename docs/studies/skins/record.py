@@ -10,6 +10,7 @@ from pathlib import Path
 from docs.tables.record import record
 
 from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.rundir.few_bytes import FRAME_DIGITS
 from eitbench.scenarios.errors import InputError
 
 
@@ -21,8 +22,7 @@ def write(run: Path) -> None:
     """
     samples = read_run(run).samples
     frames = record("skins").samples["input_hash"]
-    digits = len(frames.iloc[0])
-    if not samples["input_hash"].str[:digits].isin(set(frames)).all():
+    if not samples["input_hash"].str[:FRAME_DIGITS].isin(set(frames)).all():
         raise InputError(f"{run} has other presses than the record of skins: run it again.")
     errors = samples.groupby("scenario")["localisation_mm"].agg(["count", "median"])
     errors.to_csv(Path(__file__).with_name("tv.csv"), float_format="%.5g")

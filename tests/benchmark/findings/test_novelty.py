@@ -128,9 +128,9 @@ def test_sessions_of_one_unit_are_drawn_together() -> None:
         "scenario": np.repeat(["known", "novel"], 120), "status": "ok", "residual": scores,
         "cluster": [f"{of} test session {k // 3}" for of in ("known", "novel") for k in range(120)],
     })  # fmt: skip
-    together = _told(NOVEL, KNOWN, "m", "residual", rows).figures["auroc"]
+    together = _told(NOVEL, KNOWN, "m", "residual", rows, with_intervals=True).figures["auroc"]
     apart = rows.assign(cluster=rows["scenario"] + rows["scenario"] + rows["cluster"])
-    alone = _told(NOVEL, KNOWN, "m", "residual", apart).figures["auroc"]
+    alone = _told(NOVEL, KNOWN, "m", "residual", apart, with_intervals=True).figures["auroc"]
     assert together.value == alone.value
     assert together.high - together.low < 0.3 * (alone.high - alone.low)
 
