@@ -1,22 +1,29 @@
-"""Compression codecs of a Parquet file, read from its footer before Arrow reads the file.
+"""What a Parquet file claims of its size and codecs, read before Arrow reads the file.
 
 Asked for the columns of a damaged file, pyarrow ends the process ("terminate called
 after throwing an instance of 'parquet::ParquetException'"), and Arrow's reader decompresses
-whatever is claimed. So the codecs are read here, from the footer itself.
+whatever is claimed. So the codecs are read here from the footer itself, and the sizes from the
+headers of the pages, by which Arrow allots its memory.
 
 Source: https://parquet.apache.org/docs/file-format/metadata/; Apache Thrift, compact protocol.
 """
 
 import struct
-from io import BytesIO
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import SEEK_END, BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 _MAGIC = b"PAR1"
 _CODECS = ("UNCOMPRESSED", "SNAPPY", "GZIP", "LZO", "BROTLI", "LZ4", "ZSTD", "LZ4_RAW")
 _DEEPEST = 16
-# Numbers of the fields in Parquet's FileMetaData, RowGroup, ColumnChunk and ColumnMetaData.
-_ROW_GROUPS, _COLUMNS, _META_DATA, _CODEC = 4, 1, 3, 4
+# Numbers of the fields in Parquet's FileMetaData, RowGroup and ColumnChunk,
+_ROW_GROUPS, _COLUMNS, _META_DATA = 4, 1, 3
+# in ColumnMetaData,
+_CODEC, _CHUNK_BYTES, _DATA_PAGES, _DICTIONARY_PAGE = 4, 7, 9, 11
+# and in PageHeader.
+_UNPACKED, _PACKED = 2, 3
 # Types of Thrift's compact protocol.
 _STOP, _TRUE, _FALSE, _BYTE, _DOUBLE, _BINARY, _STRUCT = 0, 1, 2, 3, 7, 8, 12
 _INTEGERS, _LISTS = (4, 5, 6), (9, 10)
@@ -28,30 +35,58 @@ def codecs(path: Path) -> set[str]:
     Raises:
         ValueError: its footer is damaged.
     """
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        file.seek(max(size - 8, 0))
-        end = file.read()
-        if size < 12 or end[-4:] != _MAGIC:
-            raise ValueError("it does not end as a Parquet file does")
-        (length,) = struct.unpack("<I", end[:4])
-        if length > size - 12:
-            raise ValueError("its footer is longer than the file")
-        file.seek(size - 8 - length)
-        footer = BytesIO(file.read(length))
+    with path.open("rb") as file, _damage():
+        return {_CODECS[chunk[_CODEC]] for chunk in _chunks(file)}
+
+
+def unpacked_bytes(path: Path) -> int:
+    """Return the bytes that all pages of the Parquet file at `path` claim to take, unpacked.
+
+    Raises:
+        ValueError: its footer, or the header of a page, is damaged.
+    """
+    claimed = 0
+    with path.open("rb") as file, _damage():
+        for chunk in _chunks(file):
+            place = min(chunk[_DATA_PAGES], chunk.get(_DICTIONARY_PAGE) or chunk[_DATA_PAGES])
+            end = place + chunk[_CHUNK_BYTES]
+            while place < end:
+                file.seek(place)
+                header = _structure(file, 0)
+                if header[_PACKED] < 0:
+                    raise IndexError
+                claimed += header[_UNPACKED]
+                place = file.tell() + header[_PACKED]
+    return claimed
+
+
+@contextmanager
+def _damage() -> Iterator[None]:
     try:
-        groups = _structure(footer, 0)[_ROW_GROUPS]
-        chunks = [chunk for group in groups for chunk in group[_COLUMNS]]
-        numbers = {chunk[_META_DATA][_CODEC] for chunk in chunks}
-        return {dict(enumerate(_CODECS))[number] for number in numbers}
-    except (IndexError, KeyError, OverflowError, TypeError) as error:
-        raise ValueError("its footer is damaged") from error
+        yield
+    except (IndexError, KeyError, OSError, OverflowError, TypeError) as error:
+        raise ValueError("its footer, or the header of a page, is damaged") from error
+
+
+def _chunks(file: BinaryIO) -> list[dict[int, Any]]:
+    """Return the ColumnMetaData of all columns of all groups of rows."""
+    size = file.seek(0, SEEK_END)
+    file.seek(max(size - 8, 0))
+    end = file.read()
+    if size < 12 or end[-4:] != _MAGIC:
+        raise ValueError("it does not end as a Parquet file does")
+    (length,) = struct.unpack("<I", end[:4])
+    if length > size - 12:
+        raise ValueError("its footer is longer than the file")
+    file.seek(size - 8 - length)
+    groups = _structure(BytesIO(file.read(length)), 0)[_ROW_GROUPS]
+    return [chunk[_META_DATA] for group in groups for chunk in group[_COLUMNS]]
 
 
 # Each function reads a value of Thrift's compact protocol; IndexError where the content ends early.
 
 
-def _structure(content: BytesIO, depth: int) -> dict[int, Any]:
+def _structure(content: BinaryIO, depth: int) -> dict[int, Any]:
     """Fields of a structure by their numbers."""
     fields: dict[int, Any] = {}
     number = 0
@@ -63,7 +98,7 @@ def _structure(content: BytesIO, depth: int) -> dict[int, Any]:
     return fields
 
 
-def _value(content: BytesIO, kind: int, depth: int) -> Any:
+def _value(content: BinaryIO, kind: int, depth: int) -> Any:
     if depth > _DEEPEST:
         raise IndexError
     if kind in _INTEGERS:
@@ -84,12 +119,12 @@ def _value(content: BytesIO, kind: int, depth: int) -> Any:
     raise IndexError  # maps are not part of Parquet's metadata
 
 
-def _integer(content: BytesIO) -> int:
+def _integer(content: BinaryIO) -> int:
     folded = _unsigned(content)
     return folded >> 1 ^ -(folded & 1)
 
 
-def _unsigned(content: BytesIO) -> int:
+def _unsigned(content: BinaryIO) -> int:
     number = shift = 0
     while shift <= 63:
         byte = _take(content, 1)[0]
@@ -100,7 +135,7 @@ def _unsigned(content: BytesIO) -> int:
     raise IndexError
 
 
-def _take(content: BytesIO, count: int) -> bytes:
+def _take(content: BinaryIO, count: int) -> bytes:
     taken = content.read(count)
     if len(taken) < count:
         raise IndexError

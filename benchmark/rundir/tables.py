@@ -8,15 +8,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from eitbench.benchmark.rundir.parquet_footer import codecs
+from eitbench.benchmark.rundir.parquet_footer import codecs, unpacked_bytes
 from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.storage.limits import SPARE, most_bytes
 
 MOST_COLUMNS = 500
 BYTES_A_ROW = 2**14
 """Texts of a row take some 100 bytes, those of a cell some kB."""
-CODECS = ("SNAPPY", "UNCOMPRESSED")
-"""Those that we write; others can hold thousands of times their size."""
+CODECS = ("SNAPPY", "GZIP", "UNCOMPRESSED")
+"""Those that we write, in runs and in records, and in pages of small files."""
 
 
 def write_parquet(table: pd.DataFrame, path: Path) -> None:
@@ -43,7 +43,7 @@ def read_parquet(path: Path, most_rows: int | None = None) -> pd.DataFrame:
         used = codecs(path)
         if not used <= set(CODECS):
             raise ValueError(f"it is compressed with {', '.join(sorted(used))}")
-        if about.num_rows * about.num_columns * 8 > most:
+        if max(about.num_rows * about.num_columns * 8, unpacked_bytes(path)) > most:
             raise ValueError("it claims to be much larger than the file")
     texts = [field.name for field in schema if _is_text(field.type)]
     # As a dictionary a text that is repeated a million times takes its memory once.

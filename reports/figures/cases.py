@@ -22,21 +22,30 @@ FAMILIES = {
 """Number of the first case of a scenario, and the families of its cases."""
 
 
-def published_cases(run: Run) -> Iterator[tuple[str, ImageGrid]]:
-    """Yield the names of the scenarios that a run of methods holds the cases of, and their grids.
+def case_samples(run: Run, scenario: str) -> list[int]:
+    """The numbers of the samples that stand for the published cases, in their order.
 
-    The cases are the first samples of their families in the test split: nobody chose them.
+    They are the first samples of their families in the test split: nobody chose them. Empty where
+    the scenario has no cases, or the run does not hold them by all `METHODS`.
     """
-    if run.kind != METHOD_RUNS:
-        return
-    for scenario, (first, families) in FAMILIES.items():
-        table = run.samples[run.samples["scenario"] == scenario]
-        if "family" not in table or not set(METHODS) <= set(table["method"]):
+    table = run.samples[run.samples["scenario"] == scenario]
+    if run.kind != METHOD_RUNS or scenario not in FAMILIES or "family" not in table:
+        return []
+    families = FAMILIES[scenario][1]
+    of = table.drop_duplicates("sample").groupby("family")["sample"].apply(sorted).to_dict()
+    lacking = any(len(of.get(family, [])) < families.count(family) for family in families)
+    if lacking or not set(METHODS) <= set(table["method"]):
+        return []
+    return [int(of[family][families[:k].count(family)]) for k, family in enumerate(families)]
+
+
+def published_cases(run: Run) -> Iterator[tuple[str, ImageGrid]]:
+    """Yield the name of each scenario whose cases a run of methods holds, with their grid."""
+    for scenario, (first, _) in FAMILIES.items():
+        samples = case_samples(run, scenario)
+        # A record may hold the images of other samples.
+        if not samples or len(run.scene(scenario, sorted(samples)).sample) < len(samples):
             continue
-        of = table.drop_duplicates("sample").groupby("family")["sample"].apply(sorted).to_dict()
-        if any(len(of.get(family, [])) < families.count(family) for family in families):
-            continue
-        samples = [int(of[family][families[:k].count(family)]) for k, family in enumerate(families)]
         grid = comparison(run, scenario, METHODS, sorted(samples))
         rows = dict(zip(sorted(samples), grid.rows, strict=True))
         cases = [rows[sample] for sample in samples]

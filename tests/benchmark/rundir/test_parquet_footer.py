@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from eitbench.benchmark.rundir.parquet_footer import codecs
+from eitbench.benchmark.rundir.parquet_footer import codecs, unpacked_bytes
 from eitbench.benchmark.rundir.tables import read_parquet
 
 
@@ -33,6 +33,30 @@ def test_codecs_are_those_that_arrow_sees(
         for c in range(about.num_columns)
     }
     assert {name.removesuffix("_RAW") for name in codecs(tmp_path / "a.parquet")} == seen
+
+
+@pytest.mark.parametrize("codec", ["none", "snappy", "gzip"])
+def test_pages_claim_what_their_values_take(codec: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    texts = [f"a text of some length, {k}" for k in range(1000)]
+    table = pa.table({"number": np.arange(1000.0), "text": texts, "same": ["s"] * 1000})
+    pq.write_table(table, path, compression=codec, row_group_size=300, use_dictionary=["same"])
+    about = pq.read_metadata(path)
+    groups = [about.row_group(k) for k in range(about.num_row_groups)]
+    with_headers = sum(group.total_byte_size for group in groups)
+    values = 8 * 1000 + sum(4 + len(text) for text in texts)
+    assert values <= unpacked_bytes(path) <= with_headers
+    assert with_headers - values < 1000
+
+
+def test_a_page_that_claims_too_much_is_never_unpacked(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    table = pa.table({"text": ["x" * 20_000_000] * 10})
+    pq.write_table(table, path, compression="gzip", use_dictionary=False)
+    assert 200_000_000 < unpacked_bytes(path) < 200_001_000
+    assert path.stat().st_size < 300_000
+    with pytest.raises(ValueError, match="claims to be much larger"):
+        read_parquet(path)
 
 
 def test_what_is_no_footer_is_refused(tmp_path: Path) -> None:
