@@ -5,9 +5,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from eitbench.scenarios.arrays import Array
 
-DIGITS = 21
-"""Binary digits that are kept of numbers, which are then known to a quarter of a millionth. With
-sign and exponent they fill four of the eight bytes."""
+DIGITS = 17
+"""Binary digits that are kept of numbers, which are then known to four millionths."""
 FRAME_DIGITS = 16
 """Hexadecimal digits that are kept of the hash of a frame, by which it is known."""
 NOTHING = -(2**15)

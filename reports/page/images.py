@@ -17,7 +17,7 @@ from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.rundir.run_arrays import TRUTH, Scene
 
 MOST_FAMILIES = 6
-IMAGES = 2000
+IMAGES = 1200
 """That a page may hold, 2 kB each; where there would be more, families are left out."""
 _OUTSIDE = 255
 STEPS, FEW_STEPS = 254, 31
