@@ -1,5 +1,7 @@
 """Tactile acuity of methods, from the stored images of the design in `scenarios.phantoms.acuity`.
 
+A record of the leaderboard has few images: it keeps, as `SEEN_FILE`, what each of them shows.
+
 What is felt: a touch is detected if the strength that its image shows exceeds a threshold for 1 %
 of false alarms, which is taken from frames without a touch, of the same method at the same noise.
 Where it is felt: error and bias of the place. How far apart: two touches are told apart by the rule
@@ -10,20 +12,24 @@ integrated over them [S/m m^2]. GREIT's figures of merit (`benchmark.metrics.gre
 the firmest touches.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.benchmark.analysis.results import Run, cells_of
+from eitbench.benchmark.analysis.results import Run, cells_of, read_table
 from eitbench.benchmark.findings.two_touch import WITHIN_MM
 from eitbench.benchmark.metrics import tactile
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.greit import greit_figures, mean_magnitude, noise_figure, spread
 from eitbench.benchmark.rundir.manifest import suite_of
+from eitbench.benchmark.rundir.tables import wrong_kind
 from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.phantoms.contacts import Contacts, contacts, locate
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.descriptors import contact_places
@@ -39,6 +45,12 @@ _NEEDED = ("family", "place", "pressure_pa", "snr_db", "x_m", "y_m", "x2_m", "y2
            "probe_distance_mm")  # fmt: skip
 GREIT = ("amplitude", "position_error_mm", "resolution", "shape_deformation", "ringing")
 _RIM_POINTS = 720
+SEEN_FILE = "acuity.parquet"
+_KEYS = ["scenario", "method", "sample"]
+_SEEN = (
+    "shown", "true", "found_x_mm", "found_y_mm", "count", "apart", "truth_apart", "magnitude",
+    "spread", *GREIT, "signal", "rms",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,20 +94,58 @@ def acuity_of(run: Run) -> list[AcuityResult]:
     Raises:
         DataCorruptError: the images of the run are damaged.
     """
+    return [
+        result_of(scenario, method, float(table["snr_db"].iloc[0]), table, sensor)
+        for scenario, method, sensor, table in _tables(run)
+    ]
+
+
+def seen_table(run: Run) -> pd.DataFrame | None:
+    """What all images of a run show: a row for each image, for `SEEN_FILE`; None of other runs.
+
+    Raises:
+        DataCorruptError: the images of the run are damaged.
+    """
+    found = [
+        table[["sample", *_SEEN]].assign(scenario=scenario, method=method)
+        for scenario, method, _, table in _tables(run)
+    ]
+    return pd.concat(found, ignore_index=True) if found else None
+
+
+def _tables(run: Run) -> Iterator[tuple[str, str, Sensor, pd.DataFrame]]:
+    """The scenario, method, sensor and rows of `seen` of each cell that has all three parts."""
     if not has_acuity(run):
-        return []
+        return
     suite = suite_of(run.manifest)
     designed = {
         one.name: one.nominal_sensor
         for one in suite.scenarios
         if isinstance(one, SimulatedScenario) and one.acuity is not None
     }
-    found = [
-        _of_cell(run, scenario, method, cell, designed[scenario])
-        for (scenario, method), cell in cells_of(run.samples).items()
-        if scenario in designed and set(_NEEDED) <= set(cell)
-    ]
-    return [result for result in found if result is not None]
+    kept = _kept(run.path / SEEN_FILE) if (run.path / SEEN_FILE).is_file() else None
+    for (scenario, method), cell in cells_of(run.samples).items():
+        if scenario not in designed or not set(_NEEDED) <= set(cell):
+            continue
+        sensor = designed[scenario]
+        if kept is None:
+            table = _seen_in(run, scenario, method, cell, sensor)
+        else:
+            table = cell[[*_KEYS, *_NEEDED]].merge(kept, on=_KEYS)
+            if len(table) != len(cell):
+                raise DataCorruptError(
+                    f"{run.path / SEEN_FILE} lacks images of {method!r} on {scenario!r}, or has "
+                    "some twice: make the record again."
+                )
+        if table is not None and {"no-touch", "touch", "pair"} <= set(table["family"]):
+            yield scenario, method, sensor, table
+
+
+def _kept(path: Path) -> pd.DataFrame:
+    table = read_table(path)
+    if not {*_KEYS, *_SEEN} <= set(table) or wrong_kind(table, (), ("sample", *_SEEN)):
+        raise DataCorruptError(f"{path} does not hold what images show: make the record again.")
+    return table
 
 
 def has_acuity(run: Run) -> bool:
@@ -104,10 +154,13 @@ def has_acuity(run: Run) -> bool:
     return any(one.get("acuity") is not None for one in scenarios)
 
 
-def _of_cell(
+def _seen_in(
     run: Run, scenario: str, method: str, cell: pd.DataFrame, sensor: Sensor
-) -> AcuityResult | None:
-    """The acuity of a cell; None where it lacks images, or one of the three parts."""
+) -> pd.DataFrame | None:
+    """What the images of a cell show, with the `signal` and `rms` of its voltages (`_signal`).
+
+    None where images lack.
+    """
     samples = cell["sample"].tolist()
     shown = []
     for first in range(0, len(samples), _BLOCK):
@@ -118,13 +171,13 @@ def _of_cell(
             return None
         rows = cell.iloc[first : first + _BLOCK]
         shown.append(seen(images.astype(np.float64), truth, rows, sensor))
-    table = pd.concat(shown, ignore_index=True)
-    if not {"no-touch", "touch", "pair"} <= set(table["family"]):
-        return None
+    table = pd.concat(shown, ignore_index=True).assign(sample=samples)
+    if "touch" not in set(table["family"]):
+        return table
     truth = run.scene(scenario, [samples[int(_middle(table, sensor).index[0])]]).truth
-    change = None if truth is None else _change(truth, sensor)
-    level = float(table["snr_db"].iloc[0])
-    return result_of(scenario, method, level, table, sensor, change)
+    assert truth is not None  # as of all samples
+    signal, rms = _signal(truth, sensor)
+    return table.assign(signal=signal, rms=rms)
 
 
 def _firmest(table: pd.DataFrame) -> pd.DataFrame:
@@ -149,11 +202,15 @@ def _centre(sensor: Sensor) -> Array:
     return np.array([(x0 + x1) / 2, (y0 + y1) / 2])
 
 
-def _change(truth: Array, sensor: Sensor) -> tuple[Array, float]:
-    """Change (M,) of the voltages by a true image (1, H, W), nominal model, and rms [V/A]."""
+def _signal(truth: Array, sensor: Sensor) -> tuple[float, float]:
+    """Of a true image (1, H, W): the mean |change| of the voltages, and their rms [V/A].
+
+    Voltages are those of the nominal model.
+    """
     model = forward_model(sensor)
     touched, untouched = model.voltages(truth)[0], model.voltages(model.background)
-    return touched - untouched, float(np.sqrt(np.mean(touched**2)))
+    (signal,) = mean_magnitude((touched - untouched)[None])
+    return float(signal), float(np.sqrt(np.mean(touched**2)))
 
 
 def seen(images: Array, truth: Array, samples: pd.DataFrame, sensor: Sensor) -> pd.DataFrame:
@@ -214,18 +271,12 @@ def _told_apart(found: Contacts, table: pd.DataFrame) -> NDArray[np.bool_]:
 
 
 def result_of(
-    scenario: str,
-    method: str,
-    level: float,
-    table: pd.DataFrame,
-    sensor: Sensor,
-    change: tuple[Array, float] | None = None,
+    scenario: str, method: str, level: float, table: pd.DataFrame, sensor: Sensor
 ) -> AcuityResult:
-    """Return the acuity at one level of noise from the rows of `seen`.
+    """Return the acuity at one level of noise [dB] from the rows of `seen`.
 
-    Args:
-        change: by the firmest touch nearest to the middle, of the voltages (M,), and their rms
-            [V/A]; without, there is no noise figure.
+    With their columns `signal` and `rms` (`_signal`) of the firmest touch nearest to the middle
+    there is a noise figure.
     """
     none, touch, pair = (table[table["family"] == part] for part in ("no-touch", "touch", "pair"))
     limit = threshold(numbers(none, "shown"))
@@ -236,13 +287,13 @@ def result_of(
     places = _places(touch, pair, outline)
     curve = roc(numbers(none, "shown"), numbers(touch, "shown"))
     figures = figures_of(touch, pair, places, curve)
-    if change is not None:
+    if {"signal", "rms"} <= set(table):
+        signal, rms = table[["signal", "rms"]].iloc[:1].to_numpy(np.float64).T
         # The noise of the frame and of its reference frame.
-        noise = np.sqrt(2) * change[1] * 10 ** (-level / 20)
+        noise = np.sqrt(2) * rms * 10 ** (-level / 20)
         figures["noise_figure"] = noise_figure(
-            mean_magnitude(change[0][None]), np.array([noise]),
-            numbers(_middle(touch, sensor), "magnitude"), numbers(none, "spread"),
-        )  # fmt: skip
+            signal, noise, numbers(_middle(touch, sensor), "magnitude"), numbers(none, "spread")
+        )
     return AcuityResult(scenario, method, level, outline, places, curve, figures)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import matplotlib as mpl
 from docs.tables.record import DOCS, record
 from docs.tables.recorded import apart, skin_boards, transfer
+from docs.tables.simulated import acuity
 from matplotlib.figure import Figure
 
 from eitbench.benchmark.findings.drift import over_time
@@ -14,6 +15,8 @@ from eitbench.benchmark.findings.novelty import read_novelty
 from eitbench.benchmark.findings.transfer import over_skins
 from eitbench.reports.figures.error_maps import error_maps_figure
 from eitbench.reports.figures.style import COLOURS, COLUMN, NOTE, PAGE, STYLE, new_figure, save
+from eitbench.reports.findings.acuity import draw as draw_acuity
+from eitbench.reports.findings.acuity import draw_depths
 from eitbench.reports.findings.novelty import draw as draw_novelty
 from eitbench.reports.findings.touches import panels
 from eitbench.reports.findings.transfer import draw as draw_transfer
@@ -96,12 +99,19 @@ def _novelty() -> Figure:
     return draw_novelty(read_novelty(record("novelty")))
 
 
+def _acuity() -> Figure:
+    """Maps of one method at every level of noise."""
+    return draw_acuity([of for of in acuity() if of.method == "noser"])
+
+
 DRAWINGS: dict[str, Callable[[], Figure]] = {
     "new-skin.png": _new_skin,
     "skin-maps.svg": _skin_maps,
     "skin-drift.png": _skin_drift,
     "two-touch.png": _two_touch,
     "novelty.png": _novelty,
+    "acuity.png": _acuity,
+    "acuity-merit.png": lambda: draw_depths(acuity()),
 }
 """By their files in `docs`."""
 

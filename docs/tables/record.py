@@ -32,16 +32,17 @@ BOARD = DOCS.parent / "reports" / "board"
 
 def recorded(suite: str) -> list[Row]:
     """Rows of the leaderboards of a suite in its newest record."""
-    return ranked_rows([_newest(suite)])
+    return ranked_rows([newest(suite)])
 
 
 @cache
 def record(suite: str) -> Run:
     """Return the newest record of a suite."""
-    return read_run(_newest(suite))
+    return read_run(newest(suite))
 
 
-def _newest(suite: str) -> Path:
+def newest(suite: str) -> Path:
+    """Return the folder of the newest record of a suite."""
     records = BOARD.glob(f"2*/{suite}/manifest.json")
     return max(records, key=lambda path: version_key(path.parents[1].name)).parent
 

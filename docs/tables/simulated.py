@@ -1,8 +1,13 @@
 """Tables of pages with one table: simulated data, priors, acuity, operators, peers."""
 
-import pandas as pd
-from docs.tables.record import SCENARIOS, STUDIES, printed, recorded
+from functools import cache
 
+import pandas as pd
+from docs.tables.record import SCENARIOS, STUDIES, printed, record, recorded
+
+from eitbench.benchmark.findings.acuity import AcuityResult, acuity_of
+from eitbench.benchmark.findings.acuity_specs import Table
+from eitbench.reports.findings.acuity import grid
 from eitbench.reports.studies.priors import priors_table
 from eitbench.reports.tables.published import TABLE_I
 
@@ -21,9 +26,15 @@ def _generators(*generators: int, form: str) -> str:
     return printed(["PSNR [dB]", *SCENARIOS.values()], rows)
 
 
-def _acuity(name: str = "acuity") -> str:
-    lines = (STUDIES / "acuity" / f"{name}.md").read_text().splitlines()
-    return "\n".join(line for line in lines if line.startswith("|"))
+@cache
+def acuity() -> list[AcuityResult]:
+    """What the record of `acuity` says."""
+    return acuity_of(record("acuity"))
+
+
+def _acuity(table: Table) -> str:
+    heads, *rows = grid(acuity(), table)
+    return printed(heads, [[level, f"`{method}`", *cells] for level, method, *cells in rows])
 
 
 def _operators() -> str:
@@ -70,8 +81,8 @@ def _peers() -> str:
 TABLES = {
     "generators": lambda: _generators(1, 2, form=".2f"),
     "priors": lambda: priors_table(pd.read_csv(STUDIES / "priors" / "priors.csv")),
-    "acuity": _acuity,
-    "acuity merit": lambda: _acuity("acuity-merit"),
+    "acuity": lambda: _acuity("acuity"),
+    "acuity merit": lambda: _acuity("greit"),
     "operators": _operators,
     "peers": _peers,
 }

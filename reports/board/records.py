@@ -24,6 +24,7 @@ from eitbench.benchmark.analysis.results import (
     fastest_solves,
     read_run,
 )
+from eitbench.benchmark.findings.acuity import SEEN_FILE, seen_table
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.few_bytes import FRAME_DIGITS, packed, rounded
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
@@ -72,7 +73,9 @@ def write_record(run_path: Path, out: Path) -> Path:
         shutil.copyfile(run_path / NOTES_FILE, staged / NOTES_FILE)
     cells = _without_busy_times(run, out).assign(checksums=checksums(run))
     cells.to_parquet(staged / run.kind.table, index=False)
-    _write_samples(run.samples, staged / SAMPLES)
+    # All methods repeat the hashes of frames.
+    hashes = run.samples["input_hash"].str[:FRAME_DIGITS]
+    _write_rounded(run.samples.assign(input_hash=hashes), staged / SAMPLES)
     content = _without_paths(run.manifest) | {"images": SHOWN}
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     atomic_write(staged / manifest.FILE_NAME, text.encode())
@@ -82,6 +85,8 @@ def write_record(run_path: Path, out: Path) -> Path:
             for name in run.scenarios()
         }
         _write_images(run, shown, staged / run.kind.arrays)
+        if (seen := seen_table(run)) is not None:
+            _write_rounded(seen, staged / SEEN_FILE)
     staged.rename(out)
     with (out.parent / SUMS).open("a") as sums:
         sums.writelines(sums_of(out))
@@ -105,21 +110,19 @@ def sums_of(record: Path) -> list[str]:
     ]
 
 
-def _write_samples(samples: pd.DataFrame, path: Path) -> None:
-    """Write the table of samples to `path`, in a quarter of what a run takes.
+def _write_rounded(table: pd.DataFrame, path: Path) -> None:
+    """Write a table with a row for each sample to `path`, in a quarter of what a run takes.
 
     The bytes of numbers, which are `rounded`, are split, so that equal ones stand beside each
-    other. Hashes of frames are cut, and written once, though all methods repeat them.
+    other; texts are written once.
     """
-    texts = [name for name in samples if not is_float_dtype(samples[name])]
-    kept = samples.assign(input_hash=samples["input_hash"].str[:FRAME_DIGITS])
-    for name in samples.columns.difference(texts):
-        kept[name] = rounded(samples[name])
-    kept.to_parquet(
+    numbers = [name for name in table if is_float_dtype(table[name])]
+    others = [name for name in table if name not in numbers]
+    table.assign(**{name: rounded(table[name]) for name in numbers}).to_parquet(
         path,
         index=False,
-        use_dictionary=texts,
-        use_byte_stream_split=[name for name in samples if name not in texts],
+        use_dictionary=others,
+        use_byte_stream_split=numbers,
         dictionary_pagesize_limit=2**28,
         write_page_checksum=True,
         compression="gzip",

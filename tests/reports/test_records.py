@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 from eitbench.benchmark.analysis.leaderboard import SAME, leaderboard_rows
 from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.findings.acuity import SEEN_FILE, acuity_of
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.benchmark.rundir.few_bytes import DIGITS, FRAME_DIGITS
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
-from eitbench.commands.board import app
 from eitbench.commands.results import app as results
 from eitbench.reports.board.changes import REASONS, changes, last_before, reasons
 from eitbench.reports.board.records import SPEEDS, STEPS, SUMS, cost, sums_of, write_record
@@ -26,7 +26,8 @@ from eitbench.reports.page.images import shown_samples
 from eitbench.reports.page.report_data import report_data
 from eitbench.reports.site.site import write_site
 from eitbench.reports.tables.boards import notes
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.phantoms.acuity import Acuity
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import Suite
 
@@ -206,11 +207,27 @@ def test_a_limited_run_is_no_record(tmp_path: Path) -> None:
         write_record(limited, tmp_path / "2026.1" / "record")
 
 
-def test_a_suite_whose_figures_need_all_images_is_not_begun(tmp_path: Path) -> None:
-    given = ["acuity", "--runs", str(tmp_path / "runs"), "--records", str(tmp_path / "records")]
-    done = CliRunner().invoke(app, given)
-    assert "computed from all images" in str(done.exception)
-    assert not list(tmp_path.iterdir())
+@pytest.mark.slow
+def test_a_record_of_acuity_has_the_figures_of_all_images(tmp_path: Path) -> None:
+    lattice = Acuity(pressures=(2e3, 1e4, 4e4), distances=(0.2, 0.3, 0.4), step=0.3, draws=1)
+    scenario = SimulatedScenario(
+        name="n", image_shape=(40, 40), families=("soft-press",), acuity=lattice, train=0,
+        validation=2, noise=SplitNoise(test=40.0), phantoms="acuity",
+    )  # fmt: skip
+    suite = SUITE.model_copy(update={"scenarios": (scenario,), "methods": ("noser",)})
+    run = start_run(make_plan(suite), tmp_path / "run").path
+    kept = write_record(run, tmp_path / "2026.1" / "mine")
+    (made,), (read,) = acuity_of(read_run(run)), acuity_of(read_run(kept))
+    assert read.figures == pytest.approx(made.figures, rel=1e-4, nan_ok=True)
+    assert np.isfinite(read.figures["noise_figure"])
+    pd.testing.assert_frame_equal(read.places, made.places, rtol=1e-4, atol=1e-3)
+    table = pd.read_parquet(kept / SEEN_FILE)
+    table[:-1].to_parquet(kept / SEEN_FILE)
+    with pytest.raises(DataCorruptError, match="lacks images of 'noser'"):
+        acuity_of(read_run(kept))
+    table.drop(columns="shown").to_parquet(kept / SEEN_FILE)
+    with pytest.raises(DataCorruptError, match="does not hold what images show"):
+        acuity_of(read_run(kept))
 
 
 def test_the_cost_of_a_suite_is_that_of_its_last_record(record: Path) -> None:

@@ -42,10 +42,6 @@ def board(
         raise unknown_name("suite", suite, suites())
     declared, out, run = load_suite(suite), records / version / suite, runs / suite
     check_new(out)
-    if any(getattr(one, "acuity", None) is not None for one in declared.scenarios):
-        raise InputError(
-            f"Figures of {suite!r} are computed from all images, of which records keep few."
-        )
     typer.echo(cost(suite, records))
     progress = RunProgress()
     begun = (run / manifest.FILE_NAME).is_file()

@@ -142,9 +142,8 @@ def test_the_noise_figure_of_a_matrix_is_what_its_frames_say() -> None:
     truths[200:] = truth
     table = seen(images, truths, samples, nominal)
     pair = table.iloc[200:].assign(family="pair", probe_distance_mm=30.0, apart=False)
-    found = result_of(
-        "acuity", "matrix", level, pd.concat([table, pair]), nominal, (change, float(rms))
-    )
+    rows = pd.concat([table, pair]).assign(signal=np.abs(change).mean(), rms=rms)
+    found = result_of("acuity", "matrix", level, rows, nominal)
     pixels = images[:, nominal.mask] - nominal.background
     by_frames = (np.abs(change).mean() / np.std(noise[0] - noise[1], axis=1, ddof=1).mean()) / (
         np.abs(pixels[200]).mean() / np.std(pixels[:200], axis=1, ddof=1).mean()
