@@ -378,8 +378,8 @@ def frame_rate(evidence: Evidence) -> Finding:
     both = [evidence.of(METHOD_RUNS, name) for name in ("dnn", "phydnn")]
     if any(measured.row["frame_ms_p99"] is None for measured in both):
         raise NotMeasuredError(
-            "The 99th percentile needs 1,000 warm single frames: run with --jobs 1 on an idle "
-            "machine."
+            "The 99th percentile needs 1,000 warm single frames: run at least 1,000 samples with "
+            "--jobs 1 on an idle machine."
         )
     slowest = [measured.row["frame_ms_p99"] for measured in both]
     figures = [

@@ -26,13 +26,14 @@ PINNABLE = pytest.mark.skipif(
 FRAME_LIMIT_S = 5.0
 
 
-def times_of(seconds: float, *, pinned: bool, monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
+def times_of(
+    seconds: float, samples: int, *, pinned: bool, monkeypatch: pytest.MonkeyPatch
+) -> dict[str, float]:
     """Figures of frames that take `seconds` each, every tenth of them twice as long."""
+    valid = np.ones(samples, dtype=bool)
     monkeypatch.setattr(method_cell, "WARM_SECONDS", 1.0)
     monkeypatch.setattr(method_cell, "TAIL_SECONDS", 20.0)
-    monkeypatch.setattr(
-        method_cell, "StoredSamples", lambda task: type("", (), {"valid": np.ones(7, dtype=bool)})
-    )
+    monkeypatch.setattr(method_cell, "StoredSamples", lambda task: type("", (), {"valid": valid}))
     asked: list[int] = []
 
     class Service(FrameService):
@@ -51,28 +52,34 @@ def times_of(seconds: float, *, pinned: bool, monkeypatch: pytest.MonkeyPatch) -
     messages: list[str] = []
     suite = type("", (), {"frame_limit_s": FRAME_LIMIT_S})
     plan: Any = type("", (), {"cell": type("", (), {"variant": ""}), "suite": suite})
-    frames = np.arange(7.0)[:, None]
+    frames = np.arange(float(samples))[:, None]
     data: Any = type("", (), {"frames": lambda self, split: (frames, frames)})()
     nothing: Any = None
     found = MethodCellTask(plan, nothing, data).warm(ask, pinned=pinned)
     # In turn; the first frame was timed before and comes last.
-    assert asked == [(k + 1) % 7 for k in range(len(asked))]
+    assert asked == [(k + 1) % samples for k in range(len(asked))]
     return found | {"frames": len(asked), "messages": len(messages)}
 
 
 @pytest.mark.parametrize(
-    ("seconds", "pinned", "frames", "p99"),
+    ("seconds", "samples", "pinned", "frames", "p99"),
     [
-        (0.0001, False, 1000, True),
-        (0.01, True, 1000, True),  # 11 s
-        (0.01, False, 91, False),  # 1 s: too few for a 99th percentile
-        (0.03, True, 31, False),  # 1,000 would take more than 20 s
+        (0.0001, 7, False, 1000, True),
+        (0.01, 1200, True, 1000, True),  # 11 s
+        (0.01, 7, True, 91, False),  # 1 s, for it would be the same few frames again
+        (0.01, 1200, False, 91, False),  # too few for a 99th percentile
+        (0.03, 1200, True, 31, False),  # 1,000 would take more than 20 s
     ],
 )
 def test_a_99th_percentile_is_of_a_thousand_frames(
-    seconds: float, pinned: bool, frames: int, p99: bool, monkeypatch: pytest.MonkeyPatch
+    seconds: float,
+    samples: int,
+    pinned: bool,
+    frames: int,
+    p99: bool,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    found = times_of(seconds, pinned=pinned, monkeypatch=monkeypatch)
+    found = times_of(seconds, samples, pinned=pinned, monkeypatch=monkeypatch)
     assert found["frames"] == pytest.approx(frames, abs=1)
     assert found["messages"] <= 1 + 1.1 * seconds * frames
     assert found["frame_ms_p50"] == pytest.approx(1e3 * seconds)
