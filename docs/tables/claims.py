@@ -1,14 +1,24 @@
 """Tables of the page on published claims."""
 
-import json
+from functools import cache
 
-from docs.tables.record import STUDIES, printed, recorded
+from docs.tables.record import STUDIES, newest, printed, recorded
+
+from eitbench.benchmark.studies.training_study import paper_curves
+from eitbench.reports.claims.ledger import Ledger, claim_ledger
+
+
+@cache
+def ledger() -> Ledger:
+    """What the newest records and the stored studies say of every claim."""
+    suites = ("paper", "operators", "noise", "shapes", "presses", "objects")
+    studies = [STUDIES / name for name in ("physics", "beta")]
+    return claim_ledger([newest(suite) for suite in suites], studies, paper_curves())
 
 
 def _claims() -> str:
-    stored = json.loads((STUDIES / "claims" / "claims.json").read_text())
     rows = []
-    for claim in stored["claims"]:
+    for claim in ledger()["claims"]:
         says = claim["claim"].removesuffix(".")
         rows.append([f"**{claim['verdict']}**", says, claim["source"], str(claim["n"] or "–")])
     return printed(["verdict", "claim", "in", "samples"], rows, [False] * 3 + [True])

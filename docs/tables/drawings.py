@@ -13,7 +13,9 @@ from matplotlib.figure import Figure
 from eitbench.benchmark.findings.drift import over_time
 from eitbench.benchmark.findings.novelty import read_novelty
 from eitbench.benchmark.findings.transfer import over_skins
+from eitbench.reports.figures.cases import published_cases
 from eitbench.reports.figures.error_maps import error_maps_figure
+from eitbench.reports.figures.image_grid import draw as draw_images
 from eitbench.reports.figures.style import COLOURS, COLUMN, NOTE, PAGE, STYLE, new_figure, save
 from eitbench.reports.findings.acuity import draw as draw_acuity
 from eitbench.reports.findings.acuity import draw_depths
@@ -104,12 +106,19 @@ def _acuity() -> Figure:
     return draw_acuity([of for of in acuity() if of.method == "noser"])
 
 
+def _cases(suite: str) -> Figure:
+    ((_, cases),) = published_cases(record(suite))
+    return draw_images(cases)
+
+
 DRAWINGS: dict[str, Callable[[], Figure]] = {
     "new-skin.png": _new_skin,
     "skin-maps.svg": _skin_maps,
     "skin-drift.png": _skin_drift,
     "two-touch.png": _two_touch,
     "novelty.png": _novelty,
+    "cases.png": lambda: _cases("paper"),
+    "objects.png": lambda: _cases("objects"),
     "acuity.png": _acuity,
     "acuity-merit.png": lambda: draw_depths(acuity()),
 }

@@ -4,7 +4,8 @@ A figure stands in a sentence as `<!-- figure: SOURCE NAME FORMAT COLUMN=VALUE .
 -->`, all on one line:
 
 - `SOURCE` is a CSV or JSON file of a record, from `docs/studies` or from the root of the
-  repository, or a Python file, for a constant of the code;
+  repository, or a Python file, for a constant of the code; or `ledger`, that of the published
+  claims;
 - `NAME` is a column; of JSON the keys that lead there, with dots between; of Python a name;
 - `FORMAT` is that of Python's `format`, such as `.1f`, or `s` for text;
 - `COLUMN=VALUE` choose the one row; of JSON one entry of the first list on the way.
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from docs.tables.claims import ledger
 from docs.tables.record import DOCS, STUDIES
 
 from eitbench.scenarios.errors import InputError
@@ -48,7 +50,10 @@ def figure(asked: str) -> str:
         raise InputError(f"A figure is SOURCE NAME FORMAT COLUMN=VALUE ..., unlike {asked!r}.")
     source, name, form = words[:3]
     chosen = dict(word.split("=", 1) for word in words[3:])
-    value = _value(_existing(source), name, chosen, asked)
+    content = _content(source)
+    if source.endswith(".csv"):
+        content, chosen = _row(content, chosen, asked), {}
+    value = _value(content, name, chosen, asked)
     try:
         return format(value, form)
     except (TypeError, ValueError) as error:
@@ -62,15 +67,17 @@ def _existing(source: str) -> Path:
     raise InputError(f"No CSV, JSON or Python file {source!r} in docs/studies or the repository.")
 
 
-def _value(path: Path, name: str, chosen: Mapping[str, str], asked: str) -> Any:
-    content: Any
+def _content(source: str) -> Any:
+    if source == "ledger":
+        return ledger()
+    path = _existing(source)
     if path.suffix == ".py":
         module = path.relative_to(DOCS.parent).with_suffix("").as_posix().replace("/", ".")
-        content = import_module(f"eitbench.{module}")
-    elif path.suffix == ".csv":
-        content, chosen = _row(_table(path), chosen, asked), {}
-    else:
-        content = json.loads(path.read_text())
+        return import_module(f"eitbench.{module}")
+    return _table(path) if path.suffix == ".csv" else json.loads(path.read_text())
+
+
+def _value(content: Any, name: str, chosen: Mapping[str, str], asked: str) -> Any:
     for key in name.split("."):
         if chosen and isinstance(content, list):
             content, chosen = _row(content, chosen, asked), {}
