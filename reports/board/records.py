@@ -116,7 +116,7 @@ def _write_rounded(table: pd.DataFrame, path: Path) -> None:
     The bytes of numbers, which are `rounded`, are split, so that equal ones stand beside each
     other; texts are written once.
     """
-    numbers = [name for name in table if is_float_dtype(table[name])]
+    numbers = [str(name) for name in table if is_float_dtype(table[name])]
     others = [name for name in table if name not in numbers]
     table.assign(**{name: rounded(table[name]) for name in numbers}).to_parquet(
         path,
