@@ -77,6 +77,10 @@ def difference_figures(*pairs: str, metrics: Sequence[str] = IMAGE_METRICS) -> t
     )
 
 
+_ONE_TRAINING = (
+    "One training of each network is compared: how much another seed changes is not in these "
+    "intervals."
+)
 NEARLY_ALL = 0.95
 """Share that is called "every case" or "consistently"."""
 
@@ -236,8 +240,7 @@ def better_than(
             every.append(measured)
     return _finding(
         figures,
-        f"{_counted(figures)}. One training of each network is compared: how much another seed "
-        "changes is not in these intervals.",
+        f"{_counted(figures)}. {_ONE_TRAINING}",
         min(every, key=lambda one: len(one.samples)),
         "; ".join(dict.fromkeys(one.conditions for one in every)),
     )
@@ -322,7 +325,8 @@ def _median_difference(
     conditions = measured.conditions
     if len(samples) < len(known):
         conditions = f"{len(samples)} of {conditions}"
-    return _finding([tested], why, replace(measured, samples=samples), conditions)
+    finding = _finding([tested], why, replace(measured, samples=samples), conditions)
+    return replace(finding, why=f"{finding.why} {_ONE_TRAINING}")
 
 
 def loss_curves(columns: Sequence[str], evidence: Evidence) -> Finding:
