@@ -21,7 +21,7 @@ _DEEPEST = 16
 # Numbers of the fields in Parquet's FileMetaData, RowGroup and ColumnChunk,
 _ROW_GROUPS, _COLUMNS, _META_DATA = 4, 1, 3
 # in ColumnMetaData,
-_CODEC, _CHUNK_BYTES, _DATA_PAGES, _DICTIONARY_PAGE = 4, 7, 9, 11
+_CODEC, _VALUES, _CHUNK_BYTES, _DATA_PAGES, _DICTIONARY_PAGE = 4, 5, 7, 9, 11
 # and in PageHeader.
 _UNPACKED, _PACKED = 2, 3
 # Types of Thrift's compact protocol.
@@ -48,6 +48,8 @@ def unpacked_bytes(path: Path) -> int:
     claimed = 0
     with path.open("rb") as file, _damage():
         for chunk in _chunks(file):
+            if chunk[_VALUES] == 0:  # there Arrow reads no page, and writes none of data
+                continue
             place = min(chunk[_DATA_PAGES], chunk.get(_DICTIONARY_PAGE) or chunk[_DATA_PAGES])
             end = place + chunk[_CHUNK_BYTES]
             while place < end:

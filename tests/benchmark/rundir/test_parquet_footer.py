@@ -49,6 +49,12 @@ def test_pages_claim_what_their_values_take(codec: str, tmp_path: Path) -> None:
     assert with_headers - values < 1000
 
 
+def test_a_table_without_rows_takes_nothing(table: pa.Table, tmp_path: Path) -> None:
+    pq.write_table(table[:0], tmp_path / "a.parquet")
+    assert unpacked_bytes(tmp_path / "a.parquet") == 0
+    assert read_parquet(tmp_path / "a.parquet").shape == (0, 2)
+
+
 def test_a_page_that_claims_too_much_is_never_unpacked(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     table = pa.table({"text": ["x" * 20_000_000] * 10})
