@@ -124,11 +124,14 @@ def _start(
 ) -> tuple[WorkerProcess, Connection]:
     context = process_context()
     environment = dict(os.environ)
+    cores = None
+    if hasattr(os, "sched_getaffinity"):
+        cores = os.sched_getaffinity(0) if core is None else {core}
     ours, theirs = context.Pipe()
     sentinel, run = context.Pipe()
     process: BaseProcess = context.Process(  # type: ignore[attr-defined]
         target=_enter,
-        args=(theirs, run, log, core, confinement, environment, serve, arguments),
+        args=(theirs, run, log, cores, confinement, environment, serve, arguments),
         name="eitbench-worker",
     )
     with _interrupts_blocked():
@@ -221,7 +224,7 @@ def _enter(
     connection: Connection,
     run: Connection,
     log: Path | None,
-    core: int | None,
+    cores: set[int] | None,
     confinement: Confinement | None,
     environment: dict[str, str],
     serve: Callable[..., None],
@@ -236,8 +239,8 @@ def _enter(
         _fork_from_guard(connection, run, confinement)
     else:
         threading.Thread(target=_end_with_run, args=(run, os.getpid()), daemon=True).start()
-    if core is not None:
-        os.sched_setaffinity(0, {core})
+    if cores is not None:  # nor need its cores be those of the run
+        os.sched_setaffinity(0, cores)
     with Path(log or os.devnull).open("a", buffering=1, errors="backslashreplace") as output:
         os.dup2(output.fileno(), 1)
         os.dup2(output.fileno(), 2)
