@@ -149,6 +149,23 @@ def server() -> psutil.Process:
     return psutil.Process(vars(forkserver)["_forkserver"]._forkserver_pid)
 
 
+@LINUX
+def test_a_worker_has_the_cores_of_its_run_and_not_of_the_server(tmp_path: Path) -> None:
+    plugin = tmp_path / "plugin.py"
+    plugin.write_text("")
+    before = sorted(os.sched_getaffinity(0))
+    for core, cores in ((None, before), (before[0], before[:1]), (None, before)):
+        process, connection = processes.start_process(serve, (_PluginReader(plugin),), None, core)
+        try:
+            (worker,) = psutil.Process(process.pid).children()  # of its guard
+            assert worker.cpu_affinity() == cores
+        finally:
+            connection.close()
+            process.end()
+            server().cpu_affinity(before[-1:])
+    server().cpu_affinity(before)
+
+
 @pytest.fixture(scope="module")
 def undisturbed(tiny: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
     plan = make_plan(tiny, methods=["noser"])
