@@ -55,7 +55,8 @@ def unpacked_bytes(path: Path) -> int:
             while place < end:
                 file.seek(place)
                 header = _structure(file, 0)
-                if header[_PACKED] < 0:
+                # What is negative would make room for what is not.
+                if min(header[_PACKED], header[_UNPACKED]) < 0:
                     raise IndexError
                 claimed += header[_UNPACKED]
                 place = file.tell() + header[_PACKED]

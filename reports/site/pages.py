@@ -9,6 +9,7 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
+from eitbench.benchmark.analysis.leaderboard import is_whole
 from eitbench.benchmark.analysis.overall import MIN_SCENARIOS
 from eitbench.benchmark.analysis.results import failures
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
@@ -17,6 +18,7 @@ from eitbench.benchmark.submissions.tiers import is_ranked, tier
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.report_data import counted_data
 from eitbench.reports.site.edition import Edition, SuitePart, method_file, name_of
+from eitbench.reports.tables.boards import lacking
 from eitbench.reports.tables.columns import Column, layout, printable
 from eitbench.reports.tables.gaps import HEADS, gap_texts, gaps_note, run_tier, tier_text
 
@@ -307,7 +309,9 @@ def board_table(board: BoardData, suite: SuitePart) -> Table:
         for row, texts in zip(rows, table, strict=True):
             found = tier(suite.run(row["run"]), row["scenario"], name_of(row))
             texts.append(found.tier + (" (key published)" if found.key_published else ""))
-    return Table(title, heads, table, printable(", ".join(about)) + ".")
+    return Table(
+        title, heads, table, printable("; ".join([", ".join(about), *lacking(rows)])) + "."
+    )
 
 
 def _cell(column: Column, row: Row, rows: Sequence[Row]) -> Cell:
@@ -316,8 +320,9 @@ def _cell(column: Column, row: Row, rows: Sequence[Row]) -> Cell:
     text: Text = column.text(row)
     if ends := column.ends(row):
         text = Markup("{}<small> {}</small>").format(text, ends)
-    values = [other[column.name] for other in rows if other[column.name] is not None]
-    best = column.best and values and row[column.name] is not None
+    whole = [other for other in rows if is_whole(other)]
+    values = [other[column.name] for other in whole if other[column.name] is not None]
+    best = column.best and values and row in whole and row[column.name] is not None
     first = best and row[column.name] == (max(values) if column.best == "max" else min(values))
     return Cell(text, ("number" if column.form else "") + (" best" if first else ""))
 

@@ -42,7 +42,8 @@ class PrintedBoard:
         """True if the value of `row` is the best of its column, or printed like it."""
         # A mean over the easier part of the samples is no rival of one over all of them; methods
         # are charged for what they lose.
-        whole = [r for r in self.rows if r["coverage"] == 1 or (r["coverage"] and "method" in r)]
+        charged = [r for r in self.rows if r["coverage"] == 1 or (r["coverage"] and "method" in r)]
+        whole = [r for r in charged if is_whole(r)]
         values: list[Any] = [r[column.name] for r in whole if r.get(column.name) is not None]
         if column.best is None or row not in whole or row[column.name] is None:
             return False
@@ -173,7 +174,7 @@ def notes(board: Sequence[Row]) -> list[str]:
         + comparison(board)
         + _repeats(board)
         + _costs_of_failures(board)
-        + _lacking(board)
+        + lacking(board)
         + overlaps(board)
         + _by_text(board, "differs")
         + _by_text(board, "actions")
@@ -194,7 +195,7 @@ def _repeats(board: Sequence[Row]) -> list[str]:
     ]
 
 
-def _lacking(board: Sequence[Row]) -> list[str]:
+def lacking(board: Sequence[Row]) -> list[str]:
     """For each method that lacks samples, how many it has."""
     return [
         f"{row.get('method') or row['operator']} has {row['n']:,} of {row['data_n']:,} samples and "

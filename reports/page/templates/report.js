@@ -82,8 +82,10 @@ function choose(name) {
 function drawBoard() {
   const rows = rowsShown(), columns = board().columns;
   const best = {};
+  // A mean over the first samples is no rival of one over all of them.
+  const most = Math.max(...view().rows.map((row) => row.n));
   for (const c of columns) {
-    const values = view().rows.map((row) => row[c.name]).filter((v) => typeof v === "number");
+    const values = view().rows.filter((row) => row.n === most).map((row) => row[c.name]).filter((v) => typeof v === "number");
     if (c.best && new Set(values.map((v) => number(c.form, v))).size > 1)
       best[c.name] = number(c.form, c.best === "max" ? Math.max(...values) : Math.min(...values));
   }
@@ -103,7 +105,7 @@ function drawBoard() {
     const text = c.name === board().kind ? nameOf(row) : number(c.form, row[c.name]);
     if (c.name === board().kind) return el("td", { class: "text" }, el("button", { type: "button", "aria-pressed": String(nameOf(row) === state.chosen), onclick: () => choose(nameOf(row)) }, text));
     const ends = interval(c, row);
-    return el("td", { class: (c.form ? "" : "text ") + (best[c.name] === text ? "best" : "") }, text, ends ? el("small", {}, ends) : null);
+    return el("td", { class: (c.form ? "" : "text ") + (row.n === most && best[c.name] === text ? "best" : "") }, text, ends ? el("small", {}, ends) : null);
   })));
   $("leaderboard").replaceChildren(el("caption", { class: "soft" }, `${board().name}, ${view().label}`),
     el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...(body.length ? body : [el("tr", {}, el("td", { class: "text", colspan: columns.length }, "Nothing matches."))])));

@@ -65,6 +65,18 @@ def test_a_page_that_claims_too_much_is_never_unpacked(tmp_path: Path) -> None:
         read_parquet(path)
 
 
+def test_a_page_of_negative_size_makes_no_room_for_another(table: pa.Table, tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    pq.write_table(table, path, use_dictionary=False)
+    content = bytearray(path.read_bytes())
+    place = pq.read_metadata(path).row_group(0).column(0).data_page_offset
+    assert content[place] == content[place + 2] == 0x15  # both integers, the second is the size
+    content[place + 3] |= 1  # the sign of an integer in Thrift's compact protocol
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match="header of a page, is damaged"):
+        unpacked_bytes(path)
+
+
 def test_what_is_no_footer_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     deep = b"\x1c" * 40

@@ -190,6 +190,17 @@ def test_nothing_is_highlighted_where_all_are_equal(nasty: list[dict[str, Any]])
     assert "**0.750**" in FORMATS["md"](nasty)
 
 
+def test_a_mean_over_the_first_samples_is_not_the_best(build: Any, dataset_of: Any) -> None:
+    build.add_scaled(dataset_of("conductivity", 24), {"good": 0.9, "poor": 0.5}, noise=0.02)
+    rows = ranked_rows([build.write()])
+    best = next(row for row in rows if row["method"] == "good")
+    assert "**" in next(x for x in FORMATS["md"](rows).splitlines() if " good " in x)
+    best["n"] = 12
+    lines = FORMATS["md"](rows).splitlines()
+    assert "**" not in next(x for x in lines if " good " in x)
+    assert "good has 12 of 24 samples and ranks below those that have all" in " ".join(lines)
+
+
 def test_unlike_data_get_tables_of_their_own(full_run: Path, tmp_path: Path) -> None:
     other = shutil.copytree(full_run, tmp_path / "other")
     with edited_manifest(other) as content:
