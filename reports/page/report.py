@@ -154,12 +154,15 @@ def _packed(value: Any) -> str:
 
 
 def _rounded(value: Any) -> Any:
-    """Return plain data with numbers of 5 digits: as many as are shown at most."""
+    """Return plain data with numbers of 8 digits: at most 5 are shown.
+
+    With no more than 5 a number could be rounded twice, and differ from that of another table.
+    """
     if isinstance(value, dict):
         return {name: _rounded(inner) for name, inner in value.items()}
     if isinstance(value, list | tuple):
         return [_rounded(inner) for inner in value]
-    return float(f"{value:.5g}") if isinstance(value, float) else value
+    return float(f"{value:.8g}") if isinstance(value, float) else value
 
 
 def _fewer_families(report: ReportData) -> str:
