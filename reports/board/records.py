@@ -24,7 +24,7 @@ from eitbench.benchmark.analysis.results import (
     fastest_solves,
     read_run,
 )
-from eitbench.benchmark.findings.acuity import SEEN_FILE, seen_table
+from eitbench.benchmark.findings.acuity_seen import SEEN_FILE, seen_table
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.few_bytes import FRAME_DIGITS, packed, rounded
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS

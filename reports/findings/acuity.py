@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from eitbench.benchmark.findings.acuity import GREIT, acuity_of
+from eitbench.benchmark.findings.acuity import acuity_of
+from eitbench.benchmark.findings.acuity_seen import GREIT
 from eitbench.benchmark.findings.acuity_specs import ACUITY_SPECS
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.reports.figures.style import COLOURS, NOTE, PAGE, new_figure

@@ -29,7 +29,7 @@ from eitbench.benchmark.analysis.results import (
 )
 from eitbench.benchmark.analysis.sensitivity import SAMPLES, sensitivity
 from eitbench.benchmark.analysis.standings import Standing, score_weights, standings
-from eitbench.benchmark.findings.acuity import has_acuity
+from eitbench.benchmark.findings.acuity_seen import has_acuity
 from eitbench.benchmark.findings.acuity_specs import ACUITY_SPECS
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.novelty import NOVELTY, SCORES

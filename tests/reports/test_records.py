@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 from eitbench.benchmark.analysis.leaderboard import SAME, leaderboard_rows
 from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.benchmark.findings.acuity import SEEN_FILE, acuity_of
+from eitbench.benchmark.findings.acuity import acuity_of
+from eitbench.benchmark.findings.acuity_seen import SEEN_FILE
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.benchmark.rundir.few_bytes import DIGITS, FRAME_DIGITS
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind

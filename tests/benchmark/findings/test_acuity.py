@@ -9,10 +9,10 @@ from eitbench.benchmark.findings.acuity import (
     pull_to_centre,
     result_of,
     roc,
-    seen,
     smallest_detected,
     threshold,
 )
+from eitbench.benchmark.findings.acuity_seen import seen
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.phantoms.acuity import Acuity
 from eitbench.scenarios.phantoms.phantom import rasterise
