@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.methods.method import DRAWS
 from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.compiling import compiled
 from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -163,13 +164,16 @@ STORED: dict[str, tuple[int, ...]] = {
 draws vary as wholes, so that `places` are theirs."""
 
 
-def normal_draws(images: Array, deviations: Array) -> Array:
+def normal_draws(images: NDArray[np.floating[Any]], deviations: Array) -> NDArray[np.float32]:
     """Images (n, K, H, W) about `images` (n, H, W) with `deviations` (n, H, W), all in S/m.
 
     Each pixel varies on its own.
     """
     offsets = np.random.default_rng(0).standard_normal((DRAWS, *images.shape[1:]))
-    return np.asarray(images[:, None] + deviations[:, None] * offsets)
+    draws = np.empty((len(images), *offsets.shape), np.float32)
+    for n, image in enumerate(images):  # arrays of all frames would leave the cache
+        draws[n] = image + deviations[n] * offsets
+    return draws
 
 
 def figures_of_draws(
@@ -189,48 +193,67 @@ def figures_of_draws(
         `REMOVED`, by stated deviation and by error itself.
     """
     count = len(draws)
-    away = draws - truth  # to the end the only other array of that size: new ones take most time
-    distance = np.abs(away, out=away).mean(axis=0)
     middle = draws.mean(axis=0)
-    squares = np.square(np.subtract(draws, middle, out=away), out=away).sum(axis=0)
-    away[:] = draws
-    away.sort(axis=0)
-    ordered = away
-    weights = 2 * np.arange(1, count + 1) - count - 1  # sum_ij |x_i - x_j| = 2 weights . ordered
-    crps = distance - 2 * weights @ ordered / (2 * count * (count - 1))
+    distance, squares, apart, below, upto = _of_pixels(truth, draws, middle)
+    crps = distance / count - apart / (count * (count - 1))
     spread = np.sqrt(np.mean(squares / (count - 1)))
     missed = np.sqrt(np.mean((middle - truth) ** 2))
     errors = np.abs(image - truth)
     by_both = np.stack([left_over(errors, np.sqrt(squares / count)), left_over(errors, errors)])
     area, whole = float(np.mean(by_both[0] - by_both[1])), float(errors.mean())
+    span = np.maximum(draws.max(axis=0), truth) - np.minimum(draws.min(axis=0), truth)
+    ranked = span > SPREAD * data_range
     return {
         "crps": crps.mean(),
         "sharpness": spread,
         "error_over_spread": missed / spread / np.sqrt(1 + 1 / count) if spread > 0 else NAN,
         "ause": np.asarray(area / whole if whole > 0 else 0.0),
-        "ranks": rank_shares(truth, ordered, SPREAD * data_range),
+        "ranks": rank_shares(below[ranked], upto[ranked], count),
         "sparsified": by_both,
     }
 
 
-def rank_shares(truth: Array, ordered: Array, least: float) -> Array:
-    """Share (K + 1,) of pixels by the number of draws below the `truth` (P,).
+_TILE = 128  # pixels, whose draws fit into the first cache
 
-    Truth, the draws `ordered` (K, P) by size, and `least` are in S/m.
 
-    A truth that equals draws has all ranks between with equal parts. Pixels whose values span no
-    more than `least` are left out; NaN where none is left.
+@compiled
+def _of_pixels(
+    truth: Array, draws: Array, middle: Array
+) -> tuple[Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Sums (P,) over the `draws` (K, P) of each pixel, with their mean `middle` (P,).
+
+    Of distances from the truth, of squared distances from the mean, and of distances between each
+    two of them; then the number of draws below the truth, and of those not above it.
     """
-    low, high = np.minimum(ordered[0], truth), np.maximum(ordered[-1], truth)
-    ranked = high - low > least
-    below, upto = (
-        under.sum(axis=0, dtype=np.int16)[ranked] for under in (ordered < truth, ordered <= truth)
-    )
+    count, pixels = draws.shape
+    distance, squares, apart = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)
+    below, upto = np.zeros(pixels, np.int64), np.zeros(pixels, np.int64)
+    for start in range(0, pixels, _TILE):
+        tile = slice(start, min(start + _TILE, pixels))
+        true, mean, both = truth[tile], middle[tile], apart[tile]
+        for i in range(count):
+            drawn = draws[i, tile]
+            for p in range(len(drawn)):
+                distance[start + p] += abs(drawn[p] - true[p])
+                squares[start + p] += (drawn[p] - mean[p]) ** 2
+                below[start + p] += drawn[p] < true[p]
+                upto[start + p] += drawn[p] <= true[p]
+            for j in range(i):
+                other = draws[j, tile]
+                for p in range(len(drawn)):
+                    both[p] += abs(drawn[p] - other[p])
+    return distance, squares, apart, below, upto
+
+
+def rank_shares(below: NDArray[np.int64], upto: NDArray[np.int64], count: int) -> Array:
+    """Share (count + 1,) of pixels by the rank of the truth among `count` draws.
+
+    `below` and `upto` (P,) are the number of draws less than the truth of each, and of those not
+    greater. A truth that equals draws has all ranks between with equal parts. NaN without pixels.
+    """
     part = 1 / (upto - below + 1)
-    steps = np.zeros(len(ordered) + 2)
-    np.add.at(steps, below, part)
-    np.add.at(steps, upto + 1, -part)
-    return np.cumsum(steps)[:-1] / len(part) if len(part) else np.full(len(ordered) + 1, np.nan)
+    steps = np.bincount(below, part, count + 2) - np.bincount(upto + 1, part, count + 2)
+    return np.cumsum(steps)[:-1] / len(part) if len(part) else np.full(count + 1, np.nan)
 
 
 def left_over(errors: Array, by: Array) -> Array:
@@ -238,8 +261,11 @@ def left_over(errors: Array, by: Array) -> Array:
 
     Pixels of equal `by` go in any order: each counts as their mean.
     """
-    _, which, counts = np.unique(by, return_inverse=True, return_counts=True)
-    kept = np.repeat(np.bincount(which, errors) / counts, counts)
+    order = by.argsort()
+    ordered = by[order]
+    first = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
+    counts = np.diff(np.r_[first, len(by)])
+    kept = np.repeat(np.add.reduceat(errors[order], first) / counts, counts)
     left = np.maximum(1, np.round((1 - REMOVED) * len(kept)).astype(int))
     return np.asarray(np.cumsum(kept)[left - 1] / left)
 
@@ -299,12 +325,13 @@ def kept_of_draws(
     """
     kept = {name: np.full((len(draws), *shape), np.nan) for name, shape in STORED.items()}
     kept["placed"][:] = placed
+    pixels = np.flatnonzero(sensor.mask)
     for n, of in enumerate(draws):
         if placed:
             contrast = of.astype(np.float64)
             contrast -= sensor.background
             kept["places"][n] = locate(contrast, sensor)
-        inside = of[:, sensor.mask].astype(np.float64)
+        inside = of.reshape(len(of), -1).take(pixels, axis=1).astype(np.float64)
         if truth is None:
             kept["sharpness"][n] = np.sqrt(inside.var(axis=0, ddof=1).mean())
         else:

@@ -312,7 +312,7 @@ class MethodCellTask(FrameTask):
             wrong = np.where(wrong == "", not_finite(known, "a novelty that is"), wrong)
         if "uncertainty" in said:
             draws, placed = self._draws(images, said["uncertainty"])
-            known = np.asarray(np.isfinite(draws[..., mask]).all(axis=(1, 2)))
+            known = np.asarray(np.isfinite(draws).all(axis=(1, 2, 3)))
             wrong = np.where(wrong == "", not_finite(known, "an uncertainty that is"), wrong)
             good = wrong == ""
             draws[~good] = images[~good] = sensor.background
@@ -333,7 +333,7 @@ class MethodCellTask(FrameTask):
         if not draws:
             array = np.where(array >= 0, array, np.nan)
             with np.errstate(over="ignore", invalid="ignore"):  # which is reported as such
-                array = normal_draws(images, array).astype(np.float32)
+                array = normal_draws(images, array)
         array[..., ~sensor.mask] = sensor.background
         return array, draws
 

@@ -17,7 +17,6 @@ from eitbench.benchmark.metrics.uncertainty import (
     left_over,
     normal_draws,
     place_figures,
-    rank_shares,
     root_mean_square,
     sample_figures,
     summary,
@@ -37,6 +36,11 @@ def normal(width: float = 1.0, shift: float = 0.0) -> tuple[Array, Array]:
     return truth, shift + width * rng.standard_normal((DRAWS, PIXELS))
 
 
+def ranks(truth: Array, draws: Array) -> Array:
+    """Shares of pixels by rank, of those that span more than 0.01."""
+    return figures_of_draws(truth, draws, truth, 1.0)["ranks"]
+
+
 @pytest.mark.parametrize("width", [0.5, 1.0, 2.0])
 def test_crps_is_that_of_the_normal_distribution(width: float) -> None:
     """Gneiting and Raftery (2007), eq. 21."""
@@ -51,6 +55,15 @@ def test_the_true_posterior_has_the_least_crps() -> None:
     right = figures_of_draws(*normal(), np.zeros(PIXELS), 1.0)["crps"]
     for wrong in (normal(0.7), normal(1.4), normal(1.0, 0.4)):
         assert figures_of_draws(*wrong, np.zeros(PIXELS), 1.0)["crps"] > 1.01 * right
+
+
+def test_crps_is_its_formula_for_draws_of_few_values() -> None:
+    rng = np.random.default_rng(11)
+    draws, truth = rng.integers(0, 5, (DRAWS, 300)) / 7, rng.integers(0, 5, 300) / 7
+    apart = np.abs(draws[:, None] - draws[None]).sum(axis=(0, 1)) / (2 * DRAWS * (DRAWS - 1))
+    exact = np.abs(draws - truth).mean(axis=0) - apart
+    found = figures_of_draws(truth, draws, truth, 1.0)
+    assert found["crps"] == pytest.approx(exact.mean(), rel=1e-12)
 
 
 def test_draws_of_one_image_have_the_absolute_error() -> None:
@@ -89,7 +102,7 @@ def test_ranks_of_one_more_draw_are_uniform(kind: str) -> None:
     if kind != "normal":
         likely = rng.random(PIXELS) ** (1 if kind == "edges" else 8)
         values = (rng.random((DRAWS + 1, PIXELS)) < likely).astype(float)
-    shares = rank_shares(values[0], np.sort(values[1:], axis=0), 0.01)
+    shares = ranks(values[0], values[1:])
     assert shares.sum() == pytest.approx(1)
     np.testing.assert_allclose(shares, 1 / (DRAWS + 1), rtol=0.15)
     for level, name in zip(LEVELS, coverages(shares), strict=True):
@@ -101,7 +114,7 @@ def test_coverage_of_wrong_widths_is_that_of_the_normal_distribution(
     width: float, level: int
 ) -> None:
     truth, draws = normal(width)
-    shares = rank_shares(truth, np.sort(draws, axis=0), 0.01)
+    shares = ranks(truth, draws)
     first = round((DRAWS + 1) * (1 - level / 100) / 2)  # of the draws that end the interval
     ends = (stats.beta(k, DRAWS + 1 - k) for k in (DRAWS + 1 - first, first))
     high, low = (end.expect(lambda u: stats.norm.cdf(width * stats.norm.ppf(u))) for end in ends)
@@ -111,11 +124,9 @@ def test_coverage_of_wrong_widths_is_that_of_the_normal_distribution(
 def test_pixels_that_say_nothing_are_left_out() -> None:
     truth, draws = normal()
     quiet = np.ones(PIXELS)
-    more = rank_shares(
-        np.append(truth, quiet), np.sort(np.hstack([draws, np.ones((DRAWS, PIXELS))]), axis=0), 0.01
-    )
-    np.testing.assert_allclose(more, rank_shares(truth, np.sort(draws, axis=0), 0.01))
-    assert np.isnan(rank_shares(quiet, np.ones((DRAWS, PIXELS)), 0.01)).all()
+    more = ranks(np.append(truth, quiet), np.hstack([draws, np.ones((DRAWS, PIXELS))]))
+    np.testing.assert_allclose(more, ranks(truth, draws))
+    assert np.isnan(ranks(quiet, np.ones((DRAWS, PIXELS)))).all()
 
 
 def test_sparsification_of_the_right_order_and_of_none() -> None:
