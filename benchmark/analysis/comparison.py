@@ -28,6 +28,7 @@ from eitbench.benchmark.metrics.statistics import (
     student_t,
 )
 from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.few_bytes import with_short_hashes
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, PINNED
 from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.scenarios.errors import InputError, unknown_name
@@ -303,10 +304,11 @@ def _time_ratio(
 def _common(*cells: pd.DataFrame) -> list[pd.DataFrame]:
     """The rows of the frames that all cells were given, in one order."""
     frame = ["sample", "input_hash"]
-    both = cells[0][frame]
-    for cell in cells[1:]:
+    known = [with_short_hashes(cell) for cell in cells]
+    both = known[0][frame]
+    for cell in known[1:]:
         both = both.merge(cell[frame])
-    return [both.merge(cell) for cell in cells]
+    return [both.merge(cell) for cell in known]
 
 
 def _ranking(cells: Sequence[pd.DataFrame]) -> list[MetricSpec]:

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, Interval, bootstrap, means
-from eitbench.benchmark.rundir.few_bytes import FRAME_DIGITS
+from eitbench.benchmark.rundir.few_bytes import FRAME_DIGITS, with_short_hashes
 from eitbench.scenarios.arrays import Array
 
 RECORDS = Path(__file__).parent / "records"
@@ -30,8 +30,7 @@ def _stored() -> tuple[pd.DataFrame, dict[str, str], dict[str, pd.Series]]:
         data |= json.loads(path.read_text())["data"]
         tables.append(pd.read_csv(path.with_suffix(".csv")))
     frames = pd.concat(tables[1:] or tables, ignore_index=True)
-    frames["input_hash"] = frames["input_hash"].str[:FRAME_DIGITS]
-    frames = frames.drop_duplicates(["scenario", "input_hash"], keep="last")
+    frames = with_short_hashes(frames).drop_duplicates(["scenario", "input_hash"], keep="last")
     by_frame = frames.set_index("input_hash").groupby("scenario")["mse"]
     return frames, data, {str(scenario): errors for scenario, errors in by_frame}
 

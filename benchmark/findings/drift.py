@@ -11,16 +11,18 @@ frames before the first cut, so that 1 % of these are false alarms; the second h
 really are.
 """
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from eitbench.benchmark.analysis.results import Run, cells_of
+from eitbench.benchmark.analysis.results import Run, cells_of, read_table
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, bootstrap, medians
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.manifest import suite_of
+from eitbench.benchmark.rundir.tables import wrong_kind
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
@@ -36,6 +38,10 @@ LAG_S = LAG * FRAME_INTERVAL_S
 FALSE_ALARMS = 0.01
 RAW = "raw voltages"
 DAMAGE = "hydrogel-damage"
+ALARMS_FILE = "alarms.parquet"
+"""What `alarms` returns, of a record of the leaderboard: it has few images."""
+_NUMBERS = ("false_start", "false_before", "delay_s", "lasting", "during_mm", "place_mm")
+_TEXTS = ("scenario", "method", "cut")
 _AROUND = 8
 """As many as lie between the first two cuts."""
 
@@ -77,10 +83,15 @@ def alarms(run: Run) -> pd.DataFrame:
         one while it lasted), `lasting` (size of the lasting change over its threshold), and
         `during_mm` and `place_mm`, the distances of the change while it was cut, and of the lasting
         one, in the image, unregistered, from the cut.
+
+    Raises:
+        DataCorruptError: the table that a record keeps of it is damaged.
     """
     rows: list[dict[str, object]] = []
     if not any(s.get("recording") == DAMAGE for s in _declared(run)):
         return pd.DataFrame()
+    if (run.path / ALARMS_FILE).is_file():
+        return _kept(run.path / ALARMS_FILE)
     for scenario in suite_of(run.manifest).scenarios:
         if not isinstance(scenario, RecordedScenario) or scenario.recording != DAMAGE:
             continue
@@ -103,6 +114,13 @@ def alarms(run: Run) -> pd.DataFrame:
                     inside = contrast[:, data.sensor.mask]
                     rows += _alarms_of(data, method, inside / np.sqrt(inside.shape[1]), contrast)
     return pd.DataFrame(rows)
+
+
+def _kept(path: Path) -> pd.DataFrame:
+    table = read_table(path)
+    if not {*_TEXTS, *_NUMBERS} <= set(table) or wrong_kind(table, _TEXTS, _NUMBERS):
+        raise DataCorruptError(f"{path} does not hold the alarms of a skin: make the record again.")
+    return table
 
 
 def _declared(run: Run) -> list[dict[str, Any]]:

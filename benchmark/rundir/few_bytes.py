@@ -1,6 +1,7 @@
 """Numbers and images of records in few bytes: with no more digits than anybody reads."""
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from eitbench.scenarios.arrays import Array
@@ -11,6 +12,11 @@ FRAME_DIGITS = 16
 """Hexadecimal digits that are kept of the hash of a frame, by which it is known."""
 NOTHING = -(2**15)
 """In place of a pixel without a value."""
+
+
+def with_short_hashes(samples: pd.DataFrame) -> pd.DataFrame:
+    """Rows of samples with the `FRAME_DIGITS` of `input_hash` that records and runs have."""
+    return samples.assign(input_hash=samples["input_hash"].str[:FRAME_DIGITS])
 
 
 def rounded(values: ArrayLike) -> Array:

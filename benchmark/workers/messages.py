@@ -166,7 +166,9 @@ def encode(reply: Reply) -> bytes:
     size = sum(array.nbytes for array in arrays)
     if size > MAX_ARRAYS:
         raise ValueError(f"its answer holds more than {MAX_ARRAYS:,} bytes of numbers")
-    return b"".join([len(text).to_bytes(_LENGTH), text, *(np.ascontiguousarray(array).data for array in arrays)])
+    return b"".join(
+        [len(text).to_bytes(_LENGTH), text, *(np.ascontiguousarray(array).data for array in arrays)]
+    )
 
 
 def decode(message: bytes) -> Reply:

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from pydantic import TypeAdapter, ValidationError
 
-from eitbench.benchmark import InputError
+from eitbench.benchmark import DataCorruptError, InputError
 from eitbench.benchmark.analysis.leaderboard import SAME
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.metrics.novelty import SCORES
@@ -102,12 +102,16 @@ def checksums(run: Run) -> list[str]:
 
 
 def _checksums_of(record: Run) -> dict[tuple[str, str], dict[str, str]]:
-    """What `checksums` were kept, by scenario and method."""
+    """Its `checksums`, by scenario and method; without any it keeps the exact numbers."""
     cells = record.cells
-    if "checksums" not in cells:
-        return {}
+    kept = cells["checksums"] if "checksums" in cells else checksums(record)
     keys = zip(cells["scenario"], cells[record.kind.name], strict=True)
-    return dict(zip(keys, map(_SUMS.validate_json, cells["checksums"]), strict=True))
+    try:
+        return dict(zip(keys, map(_SUMS.validate_json, kept), strict=True))
+    except ValidationError as error:
+        raise DataCorruptError(
+            f"The column 'checksums' of {record.path} is damaged: take the record from git again."
+        ) from error
 
 
 def _unlike(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:

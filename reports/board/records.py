@@ -25,8 +25,9 @@ from eitbench.benchmark.analysis.results import (
     read_run,
 )
 from eitbench.benchmark.findings.acuity_seen import SEEN_FILE, seen_table
+from eitbench.benchmark.findings.drift import ALARMS_FILE, alarms
 from eitbench.benchmark.rundir import manifest
-from eitbench.benchmark.rundir.few_bytes import FRAME_DIGITS, packed, rounded
+from eitbench.benchmark.rundir.few_bytes import packed, rounded, with_short_hashes
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.rundir.store import SAMPLES
@@ -74,8 +75,7 @@ def write_record(run_path: Path, out: Path) -> Path:
     cells = _without_busy_times(run, out).assign(checksums=checksums(run))
     cells.to_parquet(staged / run.kind.table, index=False)
     # All methods repeat the hashes of frames.
-    hashes = run.samples["input_hash"].str[:FRAME_DIGITS]
-    _write_rounded(run.samples.assign(input_hash=hashes), staged / SAMPLES)
+    _write_rounded(with_short_hashes(run.samples), staged / SAMPLES)
     content = _without_paths(run.manifest) | {"images": SHOWN}
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     atomic_write(staged / manifest.FILE_NAME, text.encode())
@@ -87,6 +87,8 @@ def write_record(run_path: Path, out: Path) -> Path:
         _write_images(run, shown, staged / run.kind.arrays)
         if (seen := seen_table(run)) is not None:
             _write_rounded(seen, staged / SEEN_FILE)
+        if not (found := alarms(run)).empty:
+            found.to_parquet(staged / ALARMS_FILE, index=False)
     staged.rename(out)
     with (out.parent / SUMS).open("a") as sums:
         sums.writelines(sums_of(out))

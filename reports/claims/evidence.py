@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.leaderboard import Row, leaderboard_rows
 from eitbench.benchmark.analysis.results import Run, failures
+from eitbench.benchmark.rundir.few_bytes import with_short_hashes
 from eitbench.benchmark.rundir.kinds import SHARED, RunKind
 from eitbench.reports.studies.summaries import StudySummary
 
@@ -155,7 +156,8 @@ class Evidence:
                     f"{measured.run.path}`."
                 )
         keys = ["sample", "input_hash"]
-        both = one.samples.merge(other.samples, on=keys, suffixes=("", "_other"))
+        known = [with_short_hashes(of.samples) for of in (one, other)]
+        both = known[0].merge(known[1], on=keys, suffixes=("", "_other"))
         if not len(one.samples) == len(other.samples) == len(both):
             raise NotMeasuredError(f"{first!r} and {second!r} were not run on the same frames.")
         difference = [both[name] - both[f"{name}_other"] for name in names]

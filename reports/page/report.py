@@ -30,6 +30,7 @@ from eitbench.reports.page.paper import board_maps, overall_figure, write_paper
 from eitbench.reports.page.rendering import asset, render
 from eitbench.reports.page.report_data import (
     FAST_MS,
+    MOST_SINGLE,
     BoardData,
     ReportData,
     counted_data,
@@ -43,8 +44,11 @@ _MAP_STEPS = 256
 _DIGEST = re.compile("[0-9a-f]{64}")
 
 
-def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
+def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]]:
     """Write the report of run directories into `out`: the page, and files for a paper.
+
+    Returns:
+        The files, the page first; and what the runs lack, a sentence each, as on the page.
 
     Raises:
         InputError, DataCorruptError: as for `report_data.report_data`.
@@ -62,7 +66,7 @@ def write_report(runs: Sequence[Path], out: Path) -> list[Path]:
             written += finding.write(out / "tables", out / "figures")
     except OSError as error:
         raise EitbenchError(f"Could not write the report into {out}: {error.strerror}.") from error
-    return written
+    return written, report["missing"]
 
 
 def _code_links(report: ReportData, runs: Sequence[Path], out: Path) -> dict[str, str]:
@@ -94,6 +98,7 @@ def to_page(
         "boards": [_for_script(board) for board in report["boards"]],
         "overall": report["overall"],
         "fast_ms": FAST_MS,
+        "most_single": MOST_SINGLE,
         "methods": [method["name"] for method in methods],
         "score_weights": report["score_weights"],
         "maps": _colour_maps(),

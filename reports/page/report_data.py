@@ -48,11 +48,11 @@ PRESSES = 150
 """Drawn of a recorded scenario; more would hide each other."""
 
 MOST_SINGLE = 12
-"""Scenarios of a report that has boards of parts of each, and figures as files: those of more would
-take minutes."""
+"""Scenarios of a report that has boards of parts of each, what orders depend on, and figures as
+files: those of more would take minutes."""
 
-VARIED_SAMPLES, LEAST_VARIED = 600, 12
-"""Samples of all boards whose figures are computed in other ways, and the fewest of a board."""
+VARIED_SAMPLES = 600
+"""Samples of all boards whose figures are computed in other ways."""
 
 PAGE_COLUMNS = ("command", "label", "anchored", "training", "code")
 """Columns that the rows of a view have beside those of `Standing.rows`: the command that makes the
@@ -163,7 +163,7 @@ def report_of(runs: Sequence[Run]) -> ReportData:
     ]
     columns = sum(len(standing.rows) + 1 for standing, _, _ in found)  # of images, with the truth
     families = shown_families(columns)
-    varied = max(LEAST_VARIED, min(SAMPLES, VARIED_SAMPLES // max(1, len(found))))
+    varied = min(SAMPLES, VARIED_SAMPLES // max(1, len(found)))
     single = len(found) <= MOST_SINGLE
     boards = [_board(*of, missing, families, varied, parts=single) for of in found]
     name_kinds(boards)
@@ -418,9 +418,9 @@ def _board(
         row["anchored"] = _anchored(cells[row["label"]])
     with_images = {label: of for label, of in methods.items() if _has_images(of[0], missing)}
     try:
-        board["sensitivity"] = [
-            vars(choice) for choice in sensitivity(with_images, scenario, varied)
-        ]
+        if parts:
+            found = sensitivity(with_images, scenario, varied)
+            board["sensitivity"] = [vars(choice) for choice in found]
         if with_images:
             by = first["ranked_by"]
             board["images"] = packed_images(with_images, scenario, by, families)

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eitbench.benchmark import InputError
+from eitbench.benchmark import DataCorruptError, InputError
 from eitbench.benchmark.analysis.overall import DataFigures, WinsRow, wins_over_suites
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.rundir import manifest
@@ -221,6 +221,7 @@ def editions(folder: Path) -> list[Edition]:
 
     Raises:
         InputError: there is no run directory.
+        DataCorruptError: a record of a version cannot be read; other runs are left out.
     """
     versions = [path for path in folder.glob("2*") if VERSION.fullmatch(path.name)]
     versions.sort(key=lambda path: version_key(path.name), reverse=True)
@@ -253,6 +254,10 @@ def _edition(folder: Path, version: str) -> Edition:
         # One run, whatever is wrong with it, does not take the site down.
         except Exception as error:
             reason = printable(str(error) or type(error).__name__)
+            if version and not is_submission(path):
+                raise DataCorruptError(
+                    f"The record {path} cannot be read, take it from git again: {reason}"
+                ) from error
             left_out.append(f"{path.name} is left out: {reason}")
             continue
         same = by_suite.setdefault(suite, {True: [], False: []})[ranked]

@@ -1,7 +1,8 @@
 """A public leaderboard: static pages that work from a disk, and under any address.
 
 The front page shows all suites; every suite, method and recording has a page, and the full report
-of each suite lies beside them. Pages hold no scripts, and nothing is loaded from elsewhere.
+of each suite lies beside them. Pages but these reports hold no scripts, and nothing is loaded from
+elsewhere.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eitbench import __version__
-from eitbench.benchmark import EitbenchError, atomic_write
+from eitbench.benchmark import EitbenchError, InputError, atomic_write
 from eitbench.benchmark.analysis.catalogue import about_method, about_recording, packaged_suites
 from eitbench.benchmark.analysis.results import NOTES_FILE, Run, plugin_file
 from eitbench.benchmark.rundir import manifest
@@ -78,16 +79,19 @@ def write_site(folder: Path, out: Path) -> list[Path]:
     """Write the site of the records, or of the run directories, in `folder` into `out`.
 
     `folder` holds versions of the leaderboard, see `reports.board`, or runs. The newest version is
-    at the top, those before it under `archive/`. Runs that cannot be read are left out, with a
-    sentence on the front page.
+    at the top, those before it under `archive/`. Runs and submissions that cannot be read are left
+    out, with a sentence on the front page.
 
     Returns:
         The pages, the front page first.
 
     Raises:
-        InputError: there is no run directory in `folder`.
+        InputError: there is no run directory in `folder`, or `out` is that folder.
+        DataCorruptError: a record of the leaderboard cannot be read.
         EitbenchError: the pages cannot be written.
     """
+    if out.resolve() == folder.resolve():
+        raise InputError(f"{out} holds the runs: give another folder for the site.")
     found = editions(folder)
     versions = [(of.version, f"{ARCHIVE}/{of.version}/" if k else "") for k, of in enumerate(found)]
     written = []

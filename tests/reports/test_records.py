@@ -12,6 +12,7 @@ import pytest
 from tests.support.made_runs import edited_manifest
 from typer.testing import CliRunner
 
+from eitbench.benchmark.analysis.comparison import compare, read_results
 from eitbench.benchmark.analysis.leaderboard import SAME, leaderboard_rows
 from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.results import read_run
@@ -121,6 +122,24 @@ def test_cases_without_images_are_left_out(record: Path, tmp_path: Path) -> None
 def test_a_site_is_built_from_records_alone(record: Path, tmp_path: Path) -> None:
     assert write_site(record.parent, tmp_path / "site")
     assert "noser" in (tmp_path / "site" / "index.html").read_text()
+
+
+def test_a_record_is_compared_with_a_run_of_the_same_frames(run: Path, record: Path) -> None:
+    """A record keeps the first digits of the hashes of frames."""
+    found = compare(read_results(record), read_results(run), {})
+    assert not found.missing
+    assert len(found.changes) == 2
+    assert all(abs(change.difference) < 1e-4 for change in found.changes)
+
+
+def test_a_site_of_a_board_with_a_damaged_record_is_refused(record: Path, tmp_path: Path) -> None:
+    version = Path(shutil.copytree(record.parent, tmp_path / "board" / "2026.1"))
+    (version / "mine" / "samples.parquet").write_bytes(b"PAR1")
+    with pytest.raises(DataCorruptError, match="mine cannot be read, take it from git again"):
+        write_site(version.parent, tmp_path / "site")
+    with pytest.raises(InputError, match="holds the runs: give another folder"):
+        write_site(version.parent, version.parent)
+    assert not (tmp_path / "site").exists()
 
 
 def test_a_record_is_never_edited_and_never_rescored(run: Path, record: Path) -> None:
@@ -288,6 +307,10 @@ def test_what_changed_is_found_to_the_last_bit(
     assert found.changed == {"noser": says}
     same = write_record(run, tmp_path / "2026.11" / "mine")
     assert changes(first, same).kept == ["greit", "noser"]
+    # The first records kept no checksums, but exact numbers.
+    exact = Path(shutil.copytree(run, tmp_path / "2026.8" / "mine"))
+    assert changes(exact, newer).changed == {"noser": says}
+    assert changes(exact, same).kept == ["greit", "noser"]
     with edited_manifest(newer) as content:
         content["machine"]["cpu"] = "another"
     elsewhere = changes(first, newer)
@@ -296,6 +319,14 @@ def test_what_changed_is_found_to_the_last_bit(
     with edited_manifest(newer) as content:
         content["data"]["n"]["hash"] = "0" * 64
     assert changes(first, newer).unlike == ["n"]
+
+
+def test_damaged_checksums_are_one_sentence(record: Path, tmp_path: Path) -> None:
+    damaged = Path(shutil.copytree(record, tmp_path / "2026.2" / "mine"))
+    cells = pd.read_parquet(damaged / "methods.parquet").assign(checksums="[1]")
+    cells.to_parquet(damaged / "methods.parquet", index=False)
+    with pytest.raises(DataCorruptError, match=r"column 'checksums' of .* is damaged"):
+        changes(record, damaged)
 
 
 def test_reasons_are_texts_by_method(tmp_path: Path) -> None:

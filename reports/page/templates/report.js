@@ -410,7 +410,7 @@ function drawWeighted() {
     return el("tr", {}, el("td", { class: "text" }, choice.says), el("td", { class: "text" }, first(choice.score)), el("td", {}, number(".2f", choice.score_tau)),
       el("td", { class: "text" }, first(choice.ssim)), el("td", {}, number(".2f", choice.ssim_tau)));
   })));
-  $("sensitivity-note").textContent = found.length ? `Of ${board().sensitivity_samples} samples. τ compares the order of all methods with the benchmark's own: 1 is the same order. Weightings won: the share of all weightings of the four figures, between fixed ends, under which the method is the best.` : "";
+  $("sensitivity-note").textContent = found.length ? `Of ${board().sensitivity_samples} samples. τ compares the order of all methods with the benchmark's own: 1 is the same order. Weightings won: the share of all weightings of the four figures, between fixed ends, under which the method is the best.` : `Only reports of methods with all images, on at most ${data.most_single} scenarios, have this.`;
 }
 
 function drawPairs() {

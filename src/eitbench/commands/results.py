@@ -58,8 +58,11 @@ def report(
     """Write a report of runs: one HTML page that works offline, tables and figures for a paper."""
     from eitbench.reports.page.report import write_report
 
-    for path in write_report(runs, out or runs[0] / "report"):
+    written, missing = write_report(runs, out or runs[0] / "report")
+    for path in written:
         typer.echo(str(path))
+    for sentence in missing:
+        warn(sentence)
 
 
 @app.command(epilog="Example: eitbench site runs --out site")
@@ -71,7 +74,7 @@ def site(
     from eitbench.reports.site.site import write_site
 
     written = write_site(runs, out)
-    typer.echo(f"Site: {written[0]} and {len(written) - 1} more pages")
+    typer.echo(f"Site: {written[0]} ({len(written)} pages)")
 
 
 @app.command(epilog="Example: eitbench compare runs/before runs/after --figures ssim,psnr")

@@ -8,12 +8,22 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pytest
 from numpy.typing import NDArray
 
 from eitbench.benchmark.analysis.results import Run
-from eitbench.benchmark.findings.drift import _AROUND, DAMAGE, PARTS, RAW, alarms, over_time
+from eitbench.benchmark.findings.drift import (
+    _AROUND,
+    ALARMS_FILE,
+    DAMAGE,
+    PARTS,
+    RAW,
+    alarms,
+    over_time,
+)
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.recordings.public.hydrogel import CUTS
 from eitbench.scenarios.suites.suite import load_suite, scenario_by_name
 
@@ -65,7 +75,9 @@ def test_touches_of_two_contacts_and_few_presses_have_no_course() -> None:
     assert over_time(made("presses", known, N)).empty  # simulated, or of another suite
 
 
-def test_alarms_of_the_raw_voltages_and_of_an_image_that_is_right(recorded_data: Path) -> None:
+def test_alarms_of_the_raw_voltages_and_of_an_image_that_is_right(
+    recorded_data: Path, tmp_path: Path
+) -> None:
     """The made image shows a slow drift all over, each cut at its place, and a scar of it."""
     data = load(scenario_by_name(DAMAGE))
     first = round(data.samples["time_s"].iloc[0] / 8)
@@ -78,7 +90,8 @@ def test_alarms_of_the_raw_voltages_and_of_an_image_that_is_right(recorded_data:
         scar = number >= cut.after
         contrast += (1.0 * during + 0.2 * scar)[:, None, None] * spot
     images = (data.sensor.background + contrast).astype(np.float32)
-    found = alarms(made(DAMAGE, {}, len(data), images))
+    run = made(DAMAGE, {}, len(data), images)
+    found = alarms(run)
     assert found["false_start"].eq(1).all()  # drift
     assert found["delay_s"].eq(0).all()
     raw, shown = found[found["method"] == RAW], found[found["method"] == "made"]
@@ -89,6 +102,13 @@ def test_alarms_of_the_raw_voltages_and_of_an_image_that_is_right(recorded_data:
     assert shown["during_mm"].lt(2).all()
     assert shown["place_mm"].lt(2).all()
     assert shown["lasting"].gt(10).all()
+    # A record keeps the table, and needs neither images nor the recording.
+    record = replace(run, path=tmp_path, images=None, samples=run.samples[:0])
+    found.to_parquet(tmp_path / ALARMS_FILE)
+    pd.testing.assert_frame_equal(alarms(record), found)
+    found.drop(columns="cut").to_parquet(tmp_path / ALARMS_FILE)
+    with pytest.raises(DataCorruptError, match="does not hold the alarms"):
+        alarms(record)
 
 
 def test_no_window_around_a_cut_holds_another_one() -> None:

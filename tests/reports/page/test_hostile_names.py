@@ -87,7 +87,7 @@ def test_a_report_stays_in_its_folder(
     hostile: Callable[..., Path], tmp_path: Path, name: str
 ) -> None:
     out = tmp_path / "deep" / "report"
-    written = write_report([hostile(name, name, name, "1")], out)
+    written, _ = write_report([hostile(name, name, name, "1")], out)
     assert all(path.resolve().is_relative_to(out.resolve()) for path in written)
     assert {path.name for path in tmp_path.iterdir()} == {"deep", "run"}
     assert {path.name for path in out.parent.iterdir()} == {"report"}

@@ -77,7 +77,7 @@ def test_a_scenario_that_nothing_ranks_is_reported(
     data.samples["touched"] = True
     build.add_scaled(data, {"good": 0.9})
     run = build.write()
-    names = {path.name for path in write_report([run], tmp_path / "report")}
+    names = {path.name for path in write_report([run], tmp_path / "report")[0]}
     assert "index.html" in names
     assert not any(name.startswith("frontier") for name in names)
     assert "no method has a figure to rank by" in (tmp_path / "report/index.html").read_text()
@@ -294,7 +294,7 @@ def test_the_page_needs_nothing_else(many: Path) -> None:
 
 @pytest.mark.slow
 def test_files_for_a_paper(many: Path, tmp_path: Path) -> None:
-    written = {str(path.relative_to(tmp_path)) for path in write_report([many], tmp_path)}
+    written = {str(path.relative_to(tmp_path)) for path in write_report([many], tmp_path)[0]}
     frontier, grid = (
         f"figures/{kind}-bench-conductivity-set" for kind in ("frontier", "comparison")
     )
@@ -452,7 +452,7 @@ def test_without_images_the_rest_is_shown(many: Path, tmp_path: Path) -> None:
     (missing,) = found["missing"]
     assert "reconstructions.h5" in missing
     assert missing in to_page(found)
-    assert len(write_report([many], tmp_path / "report")) == 7
+    assert len(write_report([many], tmp_path / "report")[0]) == 7
 
 
 def test_an_unfinished_run_says_so(many: Path) -> None:

@@ -24,7 +24,7 @@ def report(tmp_path_factory: pytest.TempPathFactory, run_builder: Any, dataset_o
     build = run_builder(folder / "run")
     build.add_scaled(dataset_of("conductivity", 24), {"fair": 0.8, NASTY: 0.2, "good": 0.9}, 0.02)
     build.add(presses, "good", presses.conductivity)
-    return write_report([build.write()], folder / "report")[0].parent
+    return write_report([build.write()], folder / "report")[0][0].parent
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def several(tmp_path_factory: pytest.TempPathFactory, run_builder: Any, dataset_
     with edited_manifest(run) as content:
         for k, data in enumerate(content["data"].values()):
             data["sensor"] = "foam16" if k < 2 else "skin"
-    return write_report([run], folder / "report")[0].parent
+    return write_report([run], folder / "report")[0][0].parent
 
 
 class Page(WatchedPage):
