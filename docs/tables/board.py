@@ -5,6 +5,7 @@ from datetime import datetime
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from docs.tables.record import BOARD, printed, recorded
 from rich.console import Console
 
@@ -32,6 +33,12 @@ def _minutes(about: dict[str, Any]) -> str:
     return "" if about["resumed"] else f"{(ends[1] - ends[0]).total_seconds() / 60:.1f}"
 
 
+def _timed(cells: pd.DataFrame) -> str:
+    """How many of all cells have their times: the machine was not busy."""
+    busy = cells["busy"].sum() if "busy" in cells else 0
+    return f"{len(cells) - busy} of {len(cells)}"
+
+
 def _records() -> str:
     rows = []
     for version in sorted(BOARD.glob("2*"), key=lambda path: version_key(path.name)):
@@ -45,13 +52,13 @@ def _records() -> str:
             methods = run.cells[run.kind.name].nunique()
             rows.append([
                 version.name, f"`{path.parent.name}`", str(methods), f"{frames:,}",
-                f"{minutes:.1f}", _minutes(run.manifest), f"{size:.1f}",
+                f"{minutes:.1f}", _minutes(run.manifest), _timed(run.cells), f"{size:.1f}",
                 str(run.manifest["started"])[:10], _commit(str(run.manifest["git_commit"])),
             ])  # fmt: skip
         frames, minutes, size = whole
-        total = [f"{frames:,.0f}", f"{minutes:.1f}", "", f"{size:.1f}"]
+        total = [f"{frames:,.0f}", f"{minutes:.1f}", "", "", f"{size:.1f}"]
         rows.append([version.name, "all", "", *total, "", ""])
-    counts = ["methods", "frames", "minutes of methods", "in all", "MB"]
+    counts = ["methods", "frames", "minutes of methods", "in all", "timed", "MB"]
     heads = ["version", "suite", *counts, "made", "commit"]
     right = [False, False, *[True] * len(counts), False, False]
     return printed(heads, rows, right)

@@ -7,7 +7,9 @@ from pathlib import Path
 import matplotlib as mpl
 from docs.tables.record import DOCS, record
 from docs.tables.recorded import apart, skin_boards, transfer
+from docs.tables.sim2real import ladder
 from docs.tables.simulated import acuity
+from docs.tables.uncertainty import NOISE, stated
 from matplotlib.figure import Figure
 
 from eitbench.benchmark.findings.drift import over_time
@@ -19,9 +21,11 @@ from eitbench.reports.figures.image_grid import draw as draw_images
 from eitbench.reports.figures.style import COLOURS, COLUMN, NOTE, PAGE, STYLE, new_figure, save
 from eitbench.reports.findings.acuity import draw as draw_acuity
 from eitbench.reports.findings.acuity import draw_depths
+from eitbench.reports.findings.ladder import draw as draw_ladder
 from eitbench.reports.findings.novelty import draw as draw_novelty
 from eitbench.reports.findings.touches import panels
 from eitbench.reports.findings.transfer import draw as draw_transfer
+from eitbench.reports.findings.uncertainty import draw as draw_uncertainty
 from eitbench.reports.page.error_maps import error_maps
 
 _FIT = "fit of two presses"
@@ -106,6 +110,12 @@ def _acuity() -> Figure:
     return draw_acuity([of for of in acuity() if of.method == "noser"])
 
 
+def _uncertainty() -> Figure:
+    return draw_uncertainty(
+        [one for one in stated("noise") if one.scenario in NOISE and one.curves is not None]
+    )
+
+
 def _cases(suite: str) -> Figure:
     ((_, cases),) = published_cases(record(suite))
     return draw_images(cases)
@@ -117,6 +127,8 @@ DRAWINGS: dict[str, Callable[[], Figure]] = {
     "skin-drift.png": _skin_drift,
     "two-touch.png": _two_touch,
     "novelty.png": _novelty,
+    "sim2real.png": lambda: draw_ladder(ladder()),
+    "uncertainty.png": _uncertainty,
     "cases.png": lambda: _cases("paper"),
     "objects.png": lambda: _cases("objects"),
     "acuity.png": _acuity,

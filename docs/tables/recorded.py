@@ -11,7 +11,7 @@ from docs.tables.record import STUDIES, printed, record, recorded
 from eitbench.benchmark.analysis.leaderboard import Entry, ranked_boards
 from eitbench.benchmark.analysis.overall import OverallRow, overall
 from eitbench.benchmark.analysis.results import GUESS
-from eitbench.benchmark.findings.drift import over_time
+from eitbench.benchmark.findings.drift import alarms, over_time
 from eitbench.benchmark.findings.transfer import SkinError, over_skins, skin_errors
 from eitbench.benchmark.findings.two_touch import told_apart
 from eitbench.reports.findings.touches import alarm_grid, apart_grid, time_grid
@@ -113,7 +113,7 @@ def _course() -> str:
 
 
 def _alarms() -> str:
-    heads, *rows = alarm_grid(pd.read_csv(STUDIES / "drift" / "alarms.csv"))
+    heads, *rows = alarm_grid(alarms(record("drift")))
     away = (f"{1e3 * np.hypot(*cut.place):.0f}" for cut in CUTS)
     middle = [cell for text in away for cell in ("–", "–", f"{text}, {text}")]
     return printed(heads, [*rows, ["the middle", "–", "–", *middle]])

@@ -1,7 +1,12 @@
 """Tables of the page on imperfections of real sensors."""
 
+from collections.abc import Mapping, Sequence
+from functools import cache
+
 import pandas as pd
-from docs.tables.record import SCENARIOS, STUDIES, printed
+from docs.tables.record import SCENARIOS, STUDIES, printed, record
+
+from eitbench.benchmark.findings.ladder import Ladder, Step, read_ladder
 
 _RUNGS = {
     "sim2real-ideal": "ideal",
@@ -16,7 +21,6 @@ _RUNGS = {
     "sim2real-emulated": "all, at 60 dB (`emulated`)",
     "sim2real-severity-2": "all, twice as severe",
     "sim2real-dead-electrode": "emulated, with a dead electrode",
-    "area": "**area under B over severity**",
 }
 
 _RANDOMISED = {
@@ -28,36 +32,61 @@ _RANDOMISED = {
     "sim2real-saturated-channel": "emulated, with a saturated channel",
 }
 
+_CALIBRATED = (
+    *("sim2real-electrode-shift", "sim2real-gain", "sim2real-drift", "sim2real-emulated"),
+    *("sim2real-severity-2", "sim2real-two-dead-electrodes"),
+)
 
-def _rungs() -> str:
-    stored = pd.read_csv(STUDIES / "sim2real" / "ladder.csv")
-    value = stored.set_index(["rung", "method"])["value"]
-    methods = ("coarse-to-fine", "dnn", "learned-gn", "tv", "linear-learned", "noser")
+
+@cache
+def ladder() -> Ladder:
+    """What the record of `sim2real` says."""
+    found = read_ladder(record("sim2real"))
+    assert found is not None  # a suite with rungs
+    return found
+
+
+def _steps(methods: Sequence[str], rungs: Mapping[str, str]) -> str:
+    """Return B on rungs, by their titles, and the area under it over severity."""
+    read = ladder()
     rows = [
-        [title, *(f"{value[rung, method]:.3f}" for method in methods)]
-        for rung, title in _RUNGS.items()
+        [title, *(f"{read.steps[rung, method].value.value:.3f}" for method in methods)]
+        for rung, title in rungs.items()
     ]
+    areas = (f"{read.areas[method, False].value:.3f}" for method in methods)
+    rows.append(["**area under B over severity**", *areas])
     return printed(["B", *(f"`{method}`" for method in methods)], rows)
 
 
-def _ladder() -> str:
-    lines = (STUDIES / "sim2real" / "ladder.md").read_text().splitlines()
-    return "\n".join(line for line in lines if line.startswith("|"))
+def _rungs() -> str:
+    """Return B on the main rungs, of the better methods of each kind."""
+    methods = (
+        *("dnn-randomised", "learned-gn-2", "coarse-to-fine", "dnn", "gauss-newton-tv", "tv"),
+        *("linear-learned", "noser"),
+    )
+    return _steps(methods, _RUNGS)
 
 
 def _randomised() -> str:
     """Return B of networks that learned from the nominal sensor and from many, by rung."""
-    stored = pd.read_csv(STUDIES / "randomised" / "ladder.csv")
-    value = stored.set_index(["rung", "method"])["value"]
-    methods = stored["method"].unique()
-    titles = {**_RUNGS, **_RANDOMISED}
-    area = titles.pop("area")
+    return _steps(("dnn", "dnn-randomised"), _RUNGS | _RANDOMISED)
+
+
+def _calibration() -> str:
+    """Return what calibration adds to B, with ! where the interval excludes 0."""
+    methods = ("dnn-randomised", "learned-gn-2", "coarse-to-fine", "dnn", "tv", "noser")
+    titles = _RUNGS | _RANDOMISED
     rows = [
-        [title, *(f"{value[rung, method]:.3f}" for method in methods)]
-        for rung, title in {**titles, "area": area}.items()
-        if (rung, methods[0]) in value
+        [titles[rung], *(_gain(ladder().steps[rung, method]) for method in methods)]
+        for rung in _CALIBRATED
     ]
-    return printed(["B", *(f"`{method}`" for method in methods)], rows)
+    return printed(["B won", *(f"`{method}`" for method in methods)], rows)
+
+
+def _gain(step: Step) -> str:
+    assert step.gain is not None  # every rung of the suite has its twin
+    sure = step.gain.low > 0 or step.gain.high < 0
+    return f"{step.gain.value:+.3f}{'!' * sure}"
 
 
 def _randomised_noise() -> str:
@@ -98,7 +127,7 @@ def _faults() -> str:
 
 TABLES = {
     "rungs": _rungs,
-    "ladder": _ladder,
+    "calibration": _calibration,
     "randomised": _randomised,
     "randomised noise": _randomised_noise,
     "faults": _faults,

@@ -1,59 +1,55 @@
-"""Tables of stated uncertainty, from the record in `docs/studies/uncertainty`."""
+"""Tables of stated uncertainty."""
 
 import math
+from functools import cache
 
-import pandas as pd
-from docs.tables.record import STUDIES, printed
+from docs.tables.record import printed, record
 
+from eitbench.benchmark.findings.noise import CEILING
+from eitbench.benchmark.findings.uncertainty import Stated, read_uncertainty
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 
 _PIXELS = (
     "crps", "coverage_50", "coverage_80", "coverage_95", "sharpness", "error_over_spread", "ause",
 )  # fmt: skip
 _PLACES = ("place_coverage_50", "place_coverage_80", "place_coverage_95", "place_radius_mm")
+NOISE = ("noise-60db", "noise-50db", "noise-40db", "noise-30db")
+_RUNGS = (
+    *("sim2real-noise", "sim2real-electrode-shift", "sim2real-gain", "sim2real-drift"),
+    "sim2real-dead-electrode",
+)
 
 
-def _stored() -> pd.DataFrame:
-    return pd.read_csv(STUDIES / "uncertainty" / "uncertainty.csv")
+@cache
+def stated(suite: str) -> list[Stated]:
+    """What methods state in the record of a suite."""
+    return read_uncertainty(record(suite))
 
 
-def _text(row: dict[str, float], name: str) -> str:
-    if math.isnan(row[name]):
+def _text(one: Stated, name: str) -> str:
+    interval, form = one.figures[name], UNCERTAINTY[name].form
+    if math.isnan(interval.value):
         return "–"
-    form = UNCERTAINTY[name].form
-    text = format(row[name], form)
-    if name == "crps" and not math.isnan(row["crps_low"]):
-        text += f" ({row['crps_low']:{form}} to {row['crps_high']:{form}})"
+    text = format(interval.value, form)
+    if name == "crps" and not math.isnan(interval.low):
+        text += f" ({interval.low:{form}} to {interval.high:{form}})"
     return text
 
 
-def _table(names: tuple[str, ...], scenarios: list[str]) -> str:
-    stored = _stored()
-    of = stored[stored["scenario"].isin(scenarios) & stored[names[-1]].notna()]
+def _table(suite: str, names: tuple[str, ...], scenarios: tuple[str, ...]) -> str:
     heads = ["Scenario", "Method", "n", *(UNCERTAINTY[name].heading for name in names)]
     rows = [
-        [row["scenario"], f"`{row['method']}`" if row["method"] != "ceiling" else "*ceiling*",
-         str(row["n"]), *(_text(row, name) for name in names)]
-        for row in of.to_dict("records")
+        [one.scenario, "*ceiling*" if one.method == CEILING else f"`{one.method}`",
+         str(one.n), *(_text(one, name) for name in names)]
+        for one in stated(suite)
+        if one.scenario in scenarios and not math.isnan(one.figures[names[-1]].value)
     ]  # fmt: skip
     return printed(heads, rows, [False, False, *[True] * (len(heads) - 2)])
 
 
-def _simulated(prefix: str, names: tuple[str, ...]) -> str:
-    found = _stored()["scenario"].unique()
-    return _table(names, [name for name in found if name.startswith(prefix)])
-
-
-def _others(names: tuple[str, ...], *, images: bool) -> str:
-    stored = _stored()
-    known = stored.groupby("scenario")["crps"].transform(lambda of: of.notna().any())
-    of = stored[(known == images) & ~stored["scenario"].str.startswith("noise")]
-    return _table(names, list(of["scenario"].unique()))
-
-
 TABLES = {
-    "uncertainty on noise": lambda: _simulated("noise", _PIXELS),
-    "uncertainty of places on noise": lambda: _simulated("noise", _PLACES),
-    "uncertainty with imperfections": lambda: _others(_PIXELS, images=True),
-    "uncertainty of places on skins": lambda: _others(_PLACES, images=False),
+    "uncertainty on noise": lambda: _table("noise", _PIXELS, NOISE),
+    "uncertainty of places on noise": lambda: _table("noise", _PLACES, NOISE),
+    "uncertainty with imperfections": lambda: _table("sim2real", _PIXELS, _RUNGS),
+    "uncertainty of places on skins": lambda: _table("novelty", _PLACES, ("ohmc16",)),
 }

@@ -177,9 +177,10 @@ class _Site:
 
     def _front(self) -> bytes:
         edition = self.edition
+        several = "s" * (len(edition.suites) != 1)
         lead = (
             "Methods of electrical impedance tomography for touch, compared: "
-            f"{len(edition.ranked)} methods on {len(edition.suites)} suites with "
+            f"{len(edition.ranked)} methods on {len(edition.suites)} suite{several} with "
             f"{edition.frames:,} test frames. Every figure is read from a stored run."
         )
         if edition.version and not self._newest:  # older versions had other suites

@@ -103,7 +103,7 @@ def test_alarms_of_the_raw_voltages_and_of_an_image_that_is_right(
     assert shown["place_mm"].lt(2).all()
     assert shown["lasting"].gt(10).all()
     # A record keeps the table, and needs neither images nor the recording.
-    record = replace(run, path=tmp_path, images=None, samples=run.samples[:0])
+    record = replace(run, path=tmp_path, samples=run.samples[:0])
     found.to_parquet(tmp_path / ALARMS_FILE)
     pd.testing.assert_frame_equal(alarms(record), found)
     found.drop(columns="cut").to_parquet(tmp_path / ALARMS_FILE)

@@ -267,7 +267,7 @@ def test_self_reported_submissions_are_shown_but_count_nowhere(board: Path, tmp_
     assert [row[:2] for row in cells(front.read_text(), "Over all suites")] == [
         ["good", "100%"], ["poor", "0%"],
     ]  # fmt: skip
-    assert "2 methods on 1 suites" in front.read_text()
+    assert "2 methods on 1 suite" in front.read_text()
     assert 'href="methods/mine.html"' in front.read_text()
     page = (out / "suites" / "bench.html").read_text()
     assert "good is the best" in page
