@@ -34,9 +34,9 @@ def _minutes(about: dict[str, Any]) -> str:
 
 
 def _timed(cells: pd.DataFrame) -> str:
-    """How many of all cells have their times: the machine was not busy."""
-    busy = cells["busy"].sum() if "busy" in cells else 0
-    return f"{len(cells) - busy} of {len(cells)}"
+    """How many of all cells have their times: the machine was not busy, and they did not fail."""
+    times = [name for name in ("frame_ms_p50", "forward_ms") if name in cells]
+    return f"{cells[times].notna().any(axis=1).sum()} of {len(cells)}"
 
 
 def _records() -> str:
