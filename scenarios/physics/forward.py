@@ -28,6 +28,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
@@ -95,7 +96,7 @@ class ForwardModel:
         if self.sensor.pattern.magnitudes:
             weights = weights * np.sign(self._signed(resistance))
         # dL = <g, dV> = <G, dR>.
-        g = (weights @ self._differences).reshape(resistance.shape)
+        g = np.ascontiguousarray((self._differences.T @ weights.T).T).reshape(resistance.shape)
         gradient = np.empty((len(weights), len(self.mesh.elements)))
         differentiate = element_gradients if len(weights) == 1 else gradients_together
         differentiate(fields, g, self._corners, self._couplings, gradient)
@@ -134,15 +135,20 @@ class ForwardModel:
         return per_element if shares is None else np.ascontiguousarray((shares.T @ per_element.T).T)
 
     @cached_property
-    def _differences(self) -> Array:
-        """(M, E * E): V = differences @ R, symmetric in the indices of R."""
+    def _differences(self) -> sparse.csr_array:
+        """(M, E * E): V = differences @ R, symmetric in the indices of R.
+
+        Sparse, so that a sum of one image is taken alike whatever images are beside it: BLAS does
+        not promise that.
+        """
         src, sink, a, b = self.sensor.pattern.table.T
-        maps = np.zeros((len(src), self.sensor.n_electrodes, self.sensor.n_electrodes))
+        electrodes = self.sensor.n_electrodes
+        maps = np.zeros((len(src), electrodes, electrodes))
         row = np.arange(len(src))
         for i, j, sign in ((a, src, 0.5), (b, src, -0.5), (a, sink, -0.5), (b, sink, 0.5)):
             np.add.at(maps, (row, i, j), sign)
             np.add.at(maps, (row, j, i), sign)
-        return maps.reshape(len(src), -1)
+        return sparse.csr_array(maps.reshape(len(src), -1))
 
     @cached_property
     def _layout(self) -> Layout:
