@@ -220,10 +220,11 @@ _TILE = 128  # pixels, whose draws fit into the first cache
 def _of_pixels(
     truth: Array, draws: Array, middle: Array
 ) -> tuple[Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Sums (P,) over the `draws` (K, P) of each pixel, with their mean `middle` (P,).
+    """Sums (P,) over the `draws` (K, P) of each pixel, with their mean `middle` (P,), all in S/m.
 
-    Of distances from the truth, of squared distances from the mean, and of distances between each
-    two of them; then the number of draws below the truth, and of those not above it.
+    Of distances from the truth [S/m], of squared distances from the mean [(S/m)^2], and of
+    distances between each two of them [S/m]; then the number of draws below the truth, and of those
+    not above it.
     """
     count, pixels = draws.shape
     distance, squares, apart = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest
+from typer.testing import CliRunner
 
 from eitbench.benchmark.analysis.results import read_run
+from eitbench.commands.results import app as results
 from eitbench.reports.figures.style import STYLE
 from eitbench.reports.page.answer import answer
 from eitbench.reports.page.images import FEW_STEPS, STEPS, packed_images, unpacked
@@ -27,7 +30,14 @@ from eitbench.reports.page.paper import (
     paper_figures,
 )
 from eitbench.reports.page.report import to_page, write_report
-from eitbench.reports.page.report_data import counted_data, name_kinds, overall_views, report_data
+from eitbench.reports.page.report_data import (
+    MOST_SINGLE,
+    counted_data,
+    name_kinds,
+    overall_views,
+    report_data,
+    report_of,
+)
 from eitbench.reports.site.site import write_site
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
@@ -452,7 +462,27 @@ def test_without_images_the_rest_is_shown(many: Path, tmp_path: Path) -> None:
     (missing,) = found["missing"]
     assert "reconstructions.h5" in missing
     assert missing in to_page(found)
-    assert len(write_report([many], tmp_path / "report")[0]) == 7
+    done = CliRunner().invoke(results, ["report", str(many), "--out", str(tmp_path / "report")])
+    assert done.exit_code == 0
+    assert len(done.stdout.splitlines()) == 7  # files
+    assert done.stderr.strip() == f"eitbench: {missing}"
+
+
+def test_boards_of_many_scenarios_have_one_view_and_no_other_metrics(
+    build: Any, dataset_of: Any
+) -> None:
+    """Each has both in a report of fewer: they would take minutes."""
+    for k in range(MOST_SINGLE + 1):
+        build.add_scaled(dataset_of("conductivity", 6, f"of-{k}"), {"good": 0.9, "poor": 0.2})
+    path = build.write()
+    many = report_data([path])["boards"]
+    assert len(many) == MOST_SINGLE + 1
+    assert all(len(board["views"]) == 1 and not board["sensitivity"] for board in many)
+    run = read_run(path)
+    first = replace(run, samples=run.samples[run.samples["scenario"] == "of-0"])
+    (alone,) = report_of([first])["boards"]
+    assert len(alone["views"]) > 1
+    assert alone["sensitivity"]
 
 
 def test_an_unfinished_run_says_so(many: Path) -> None:
