@@ -129,12 +129,13 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             f"The weight alpha of the data loss is 1, or 0 with a physical loss; got "
             f"{request.alpha} for {method.files.name!r}."
         )
-    if request.unlimited:
-        job.check_nominal("makes new touches of the nominal sensor in every epoch")
+    count = job.training_count(more="unlimited" in method.options)
+    beyond = request.unlimited or count > scenario.train
+    if beyond:
+        job.check_nominal("makes more touches of the nominal sensor than are declared")
     # Without a physical loss to minimise, it is shown for an operator that is asked for.
     name = request.operator or ("surrogate" if beta else None)
     backbone = request.backbone or method.backbone
-    count = job.training_count()
     job.check(
         backbone=backbone,
         loss=request.loss,
@@ -152,19 +153,29 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         network = method.network(sensor, backbone)
     job.begin(network)
 
-    clean = job.noiseless(count)
-    sigma = images(scenario, "train", count) / sensor.background
     seen = load(scenario, "validation", jobs=request.jobs, progress=request.progress)
     # As many training samples, as measured; those to train on get their noise by augmentation.
-    compared = load(scenario, "train", min(count, scenario.validation))
+    compared = load(scenario, "train", min(count, scenario.train, scenario.validation))
     problem = nominal_problem(scenario)
     untouched = problem.reference
 
     def differences(data: Dataset) -> Array:
         return problem.differences(data, request.gain_power)
 
-    units, estimates = problem.estimates(clean.references, request.gain_power)
-    train = (*_tensors(clean.voltages, differences(clean), sigma), torch.from_numpy(units))
+    def simulated(epoch: int) -> Data:
+        fresh, voltages = job.fresh_samples(epoch, count)
+        found = _tensors(voltages.numpy(), problem.difference(voltages), fresh / sensor.background)
+        return *found, torch.zeros(count, dtype=torch.int64)
+
+    estimates = None
+    if count > scenario.train:
+        train = simulated(0)
+    else:
+        clean = job.noiseless(count)
+        sigma = images(scenario, "train", count) / sensor.background
+        units, matrices = problem.estimates(clean.references, request.gain_power)
+        estimates = torch.from_numpy(matrices) if len(matrices) > 1 else None
+        train = (*_tensors(clean.voltages, differences(clean), sigma), torch.from_numpy(units))
     seen_sigma = images(scenario, "validation", scenario.validation) / sensor.background
     validation = _tensors(seen.voltages, differences(seen), seen_sigma)
     std = train[0].std(0)
@@ -176,20 +187,15 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
     if job.begun is None:
         _standardise(network, train)
         if request.alpha:
-            matrix = torch.from_numpy(_best_linear_map(network, train, validation).matrix)
+            declared = tuple(tensor[: scenario.train] for tensor in train)
+            matrix = torch.from_numpy(_best_linear_map(network, declared, validation).matrix)
         else:
             matrix = torch.zeros_like(network.backbone.linear.weight.T)
             baseline = "an image of the untouched sensor, by the physical loss"
         network.backbone.start_from(matrix)
     motions = symmetries(sensor, torch.from_numpy(problem.jacobian))
     rms = float(np.sqrt(np.mean(untouched**2)))
-    changed = torch.from_numpy(estimates) if len(estimates) > 1 else None
-    augmentation = Augmentation(scenario.split_noise("train"), motions, rms, changed)
-
-    def renewed(epoch: int) -> Data:
-        fresh, voltages = job.fresh_samples(epoch, count)
-        found = _tensors(voltages.numpy(), problem.difference(voltages), fresh / sensor.background)
-        return *found, train[-1]
+    augmentation = Augmentation(scenario.split_noise("train"), motions, rms, estimates)
 
     return job.fit(
         ImageTask(
@@ -212,9 +218,10 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             "beta": repr(beta),
             "gain_power": repr(request.gain_power),
             "train_samples": str(count),
+            "unlimited": str(int(beyond)),
         },
-        compared=_tensors(compared.voltages, differences(compared), sigma[: len(compared)]),
-        renewed=renewed if request.unlimited else None,
+        compared=_tensors(compared.voltages, differences(compared), train[2][: len(compared)]),
+        renewed=simulated if request.unlimited else None,
     )
 
 

@@ -194,8 +194,13 @@ class ImageNetworkMethod(TrainedMethod):
         import torch
 
         moved = np.concatenate([motion.voltages(difference) for motion in self._motions])
-        images: Images = self._network(torch.from_numpy(moved).float()).numpy()
+        frames = torch.from_numpy(moved).float().to(self._network.std.device)
+        images: Images = self._network(frames).cpu().numpy()
         return mean_over(self._motions, images)
+
+    def to(self, device: str) -> None:
+        """Move its network to a device, where another method is trained on its images."""
+        self._network.to(device)
 
 
 @register("dnn")
@@ -225,3 +230,13 @@ class DnnRandomised(ImageNetworkMethod):
     files: ClassVar = WeightFiles("dnn-randomised", version="1")
     recipe: ClassVar = Recipe(epochs=10, rate=5e-4)
     begins_with: ClassVar = Dnn.files
+
+
+@register("dnn-large")
+@dataclass
+class DnnLarge(ImageNetworkMethod):
+    """A larger U-Net than that of `dnn`, trained on far more simulated touches."""
+
+    files: ClassVar = WeightFiles("dnn-large", version="1")
+    recipe: ClassVar = Recipe(epochs=52, batch=512, rate=1.5e-3)
+    backbone: ClassVar = "unet-large"

@@ -10,7 +10,7 @@ import numpy as np
 
 from eitbench.methods.classical.noser import Noser
 from eitbench.methods.learned.gauss_newton_update import SNR_DB, GaussNewtonUpdate
-from eitbench.methods.learned.image_networks import Dnn, TrainedMethod
+from eitbench.methods.learned.image_networks import Dnn, DnnLarge, ImageNetworkMethod, TrainedMethod
 from eitbench.methods.registry import register
 from eitbench.methods.training import Recipe
 from eitbench.methods.weights.weight_files import WeightFiles
@@ -70,6 +70,7 @@ class RefinementMethod(TrainedMethod):
         self._network = self.network(problem)
         torch.nn.Sequential(self._network).load_state_dict(tensors)
         self._network.eval().requires_grad_(requires_grad=False)
+        self._device = "cpu"
         self._motions = motions(problem.sensor, problem.jacobian)
 
     def network(self, problem: Problem) -> Refiner | SpreadNetwork:
@@ -95,12 +96,17 @@ class RefinementMethod(TrainedMethod):
         import torch
 
         moved = np.concatenate([motion.images(inputs) for motion in self._motions])
-        images: Images = self._network(torch.from_numpy(moved)).numpy()
+        images: Images = self._network(torch.from_numpy(moved).to(self._device)).cpu().numpy()
         return mean_over(self._motions, images)
 
+    def to(self, device: str) -> None:
+        """Move its networks to a device, where another method is trained on its images."""
+        self._device = device
+        self._network.to(device)
+
     @abstractmethod
-    def start(self, problem: Problem) -> None:
-        """Prepare `inputs` for a problem.
+    def start(self, problem: Problem, device: str = "cpu") -> None:
+        """Prepare `inputs` for a problem, worked out on a device as far as they are a network's.
 
         Raises:
             InputError: something that they need is missing.
@@ -126,8 +132,9 @@ class CoarseToFine(RefinementMethod):
     regularisations: ClassVar = (0.01, 0.001, 0.1)
     """NOSER's weights, the first for the image that is refined: what suits 30 dB to clean."""
 
-    def start(self, problem: Problem) -> None:
-        """See `RefinementMethod`."""
+    def start(self, problem: Problem, device: str = "cpu") -> None:
+        """See `RefinementMethod`; there is no network."""
+        del device
         self._background = problem.background
         self._noser = [Noser(weight, "clausius-mossotti") for weight in self.regularisations]
         for noser in self._noser:
@@ -149,7 +156,7 @@ class ContinuedMethod(RefinementMethod):
         first: that method.
     """
 
-    first: ClassVar[type[TrainedMethod]] = Dnn
+    first: ClassVar[type[ImageNetworkMethod | RefinementMethod]] = Dnn
 
     @classmethod
     def weights_hash(cls, sensor: Sensor) -> str:
@@ -161,13 +168,19 @@ class ContinuedMethod(RefinementMethod):
         """See `Method`."""
         return super().unusable(sensor) or cls.first.unusable(sensor)
 
-    def start(self, problem: Problem) -> None:
+    def start(self, problem: Problem, device: str = "cpu") -> None:
         """See `RefinementMethod`."""
         self._first = self.first()
         self._first.fit(problem)
+        self._first.to(device)
         self.begun_from = self.first.weights_hash(problem.sensor)
         self.begun_train_s = self._first.train_s
         self._range = problem.sensor.conductivity_range
+
+    def to(self, device: str) -> None:
+        """See `RefinementMethod`."""
+        super().to(device)
+        self._first.to(device)
 
     def guesses(self, difference: Array) -> Images:
         """Images (n, H, W) of `first`, over the background."""
@@ -186,9 +199,9 @@ class LearnedGaussNewton(ContinuedMethod):
     files: ClassVar = WeightFiles("learned-gn", version="1")
     n_inputs: ClassVar = 1 + len(SNR_DB)
 
-    def start(self, problem: Problem) -> None:
+    def start(self, problem: Problem, device: str = "cpu") -> None:
         """See `RefinementMethod`."""
-        super().start(problem)
+        super().start(problem, device)
         self._update = GaussNewtonUpdate(problem)
 
     def inputs(self, difference: Array) -> Images:
@@ -205,6 +218,16 @@ class SecondGaussNewton(LearnedGaussNewton):
 
     files: ClassVar = WeightFiles("learned-gn-2", version="1")
     first: ClassVar = LearnedGaussNewton
+
+
+@register("learned-gn-large")
+@dataclass
+class LargeGaussNewton(LearnedGaussNewton):
+    """A Gauss-Newton step from the image of `dnn-large`, corrected by its own network."""
+
+    files: ClassVar = WeightFiles("learned-gn-large", version="1")
+    recipe: ClassVar = Recipe(epochs=40, batch=128)
+    first: ClassVar = DnnLarge
 
 
 @register("dnn-heteroscedastic")

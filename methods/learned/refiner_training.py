@@ -115,11 +115,11 @@ def _samples(
     method: type[RefinementMethod], job: TrainingJob, split: Split, count: int
 ) -> tuple[Tensor, Tensor]:
     """The network's inputs (n, C, H, W), and conductivity over background (n, H, W)."""
-    request, scenario = job.request, job.scenario
+    request, scenario, device = job.request, job.scenario, job.device.type
     data = load(scenario, split, count, jobs=request.jobs, progress=request.progress)
     difference = nominal_problem(scenario).differences(data, request.gain_power)
     inputs = joblib.Parallel(n_jobs=request.jobs)(
-        joblib.delayed(_inputs)(method, scenario, difference[first : first + TOGETHER])
+        joblib.delayed(_inputs)(method, scenario, device, difference[first : first + TOGETHER])
         for first in range(0, count, TOGETHER)
     )
     truth = images(scenario, split, count) / data.sensor.background
@@ -127,16 +127,18 @@ def _samples(
 
 
 @lru_cache(maxsize=1)
-def _started(method_class: type[RefinementMethod], scenario: SimulatedScenario) -> RefinementMethod:
+def _started(
+    method_class: type[RefinementMethod], scenario: SimulatedScenario, device: str
+) -> RefinementMethod:
     """A method that is ready for differences on the scenario's sensor."""
     method = method_class()
-    method.start(nominal_problem(scenario))
+    method.start(nominal_problem(scenario), device)
     return method
 
 
 def _inputs(
-    method: type[RefinementMethod], scenario: SimulatedScenario, difference: Array
+    method: type[RefinementMethod], scenario: SimulatedScenario, device: str, difference: Array
 ) -> Images:
     """The network's inputs of some samples; runs in a worker process, on one thread."""
     with threadpool_limits(1):
-        return _started(method, scenario).inputs(difference)
+        return _started(method, scenario, device).inputs(difference)

@@ -15,7 +15,7 @@ from eitbench.methods.training.request import INSTALL
 from eitbench.methods.training.samples import images, training_scenario
 from eitbench.methods.weights.weight_files import packaged_weights, sensor_key, user_weights
 from eitbench.scenarios.data.datasets import load
-from eitbench.scenarios.data.simulation import clean_frames, fresh_voltages
+from eitbench.scenarios.data.simulation import clean_frames, nominal_samples
 from eitbench.scenarios.errors import DataCorruptError, InputError, unknown_name
 from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.storage.cache_dir import cache_dir
@@ -95,6 +95,7 @@ class TrainingJob:
         recipe: with the epochs and the seed that are asked for.
         scenario, sensor: what is trained on, and its nominal sensor.
         folder: as requested, by default one in the cache.
+        device: to train on.
         settings: what decides the result beside the recipe: network, sensor and data.
         begun: the weights that it continues; None if it begins with a new network.
 
@@ -109,7 +110,7 @@ class TrainingJob:
         self.recipe = replace(model.recipe, epochs=epochs, seed=request.seed)
         if request.start == "weights":
             self.recipe = replace(self.recipe, rate=CONTINUED_RATE * self.recipe.rate)
-        self._device = training_device(request.device)
+        self.device = training_device(request.device)
         if not 0 <= request.gain_power < float("inf"):
             raise InputError(f"The power of gains is at least 0, got {request.gain_power}.")
         if request.install not in INSTALL:
@@ -165,14 +166,17 @@ class TrainingJob:
                     "has: choose the same --backbone, or begin with a new network."
                 ) from error
 
-    def training_count(self) -> int:
+    def training_count(self, *, more: bool = False) -> int:
         """Return how many training samples are used.
+
+        Args:
+            more: they may be more than the scenario declares.
 
         Raises:
             InputError: too few for an epoch of more than a step.
         """
         limit, declared, least = self.request.limit, self.scenario.train, 2 * self.recipe.batch
-        count = declared if limit is None else min(limit, declared)
+        count = declared if limit is None else limit if more else min(limit, declared)
         if count < least:
             raise InputError(
                 f"{count} training samples are too few: scenario {self.scenario.name!r} declares "
@@ -218,10 +222,10 @@ class TrainingJob:
         """The same as `clean_samples` of the `count` training samples that follow those of `epoch`
         such sets; they need not be among the declared ones.
         """
-        first = epoch * count
-        samples, jobs = range(first, first + count), self.request.jobs
-        frames = fresh_voltages(self.scenario, "train", samples, jobs=jobs)
-        return images(self.scenario, "train", count, first), torch.from_numpy(frames)
+        samples = range(epoch * count, (epoch + 1) * count)
+        sigma, frames = nominal_samples(self.scenario, samples, jobs=self.request.jobs)
+        sigma[:, ~self.sensor.mask] = self.sensor.background
+        return torch.from_numpy(sigma), torch.from_numpy(frames)
 
     def check_nominal(self, reason: str) -> None:
         """Check that training data are of the nominal sensor, which a training needs for `reason`.
@@ -269,13 +273,13 @@ class TrainingJob:
             self.settings,
             compared=compared,
             renewed=renewed,
-            device=self._device,
+            device=self.device,
             progress=self.request.progress,
         )
         seconds = sum(epoch.seconds for epoch in state.curve)
         if renewed is not None:
             count = int(metadata["train_samples"]) * len(state.curve)
-            metadata = {**metadata, "train_samples": str(count), "unlimited": "1"}
+            metadata = {**metadata, "train_samples": str(count)}
         if self.begun is not None:  # what was learned before was learned, too
             before = self.begun.metadata
             seconds += float(before["train_s"])
@@ -285,7 +289,7 @@ class TrainingJob:
                 "train_samples": str(count),
                 "begun_weights": str(self.settings["begun_weights"]),
             }
-        best, on_gpu = state.best_epoch, self._device.type == "cuda"
+        best, on_gpu = state.best_epoch, self.device.type == "cuda"
         metadata = {
             "seed": str(self.request.seed),
             "scenario": self.scenario.name,
@@ -298,7 +302,7 @@ class TrainingJob:
             "epochs": str(len(state.curve)),
             "best_epoch": str(best.epoch),
             "validation_loss": repr(best.validation),
-            "device": torch.cuda.get_device_name(self._device) if on_gpu else "cpu",
+            "device": torch.cuda.get_device_name(self.device) if on_gpu else "cpu",
             "train_s": f"{seconds:.1f}",
             "eitbench": __version__,
             "torch": torch.__version__,
@@ -320,8 +324,8 @@ class TrainingJob:
 
     def _loss(self, task: TrainingTask, validation: Data) -> float:
         """The loss of the task's network on the validation samples."""
-        task.to(self._device)
-        seen = {"validation": tuple(tensor.to(self._device) for tensor in validation)}
+        task.to(self.device)
+        seen = {"validation": tuple(tensor.to(self.device) for tensor in validation)}
         return mean_losses(task, seen, self.recipe.batch)["validation"]
 
     def _loss_before(self, task: TrainingTask, validation: Data) -> float | None:

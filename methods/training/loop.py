@@ -195,6 +195,8 @@ def _epochs(
         FloatingPointError: a loss is not finite.
     """
     task.to(device)
+    if device.type == "cuda":  # what its convolutions are fastest with
+        task.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     train = tuple(tensor.to(device) for tensor in train)
     seen = {split: tuple(tensor.to(device) for tensor in data) for split, data in seen.items()}
     optimizer = task.optimizer()

@@ -67,14 +67,14 @@ def nominal_problem(scenario: SimulatedScenario) -> Problem:
     return Problem(scenario.nominal_sensor, model.voltages(model.background), no_split)
 
 
-def images(scenario: SimulatedScenario, split: Split, count: int, first: int = 0) -> Tensor:
-    """Conductivities (count, H, W) [S/m] from sample `first` on, in float32.
+def images(scenario: SimulatedScenario, split: Split, count: int) -> Tensor:
+    """Conductivities (count, H, W) [S/m] of the first samples, in float32.
 
     Outside the sensor they are the background.
     """
     sensor = scenario.nominal_sensor
     drawn = np.empty((count, *sensor.image_shape), dtype=np.float32)
-    for sample, image in enumerate(drawn, start=first):
+    for sample, image in enumerate(drawn):
         image[:] = rasterise(phantom(scenario, split, sample), sensor)
     drawn[:, ~sensor.mask] = sensor.background
     return torch.from_numpy(drawn)

@@ -10,12 +10,12 @@ import logging
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import joblib
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 from threadpoolctl import threadpool_limits
@@ -26,7 +26,7 @@ from eitbench.scenarios.guard import check_open
 from eitbench.scenarios.imperfections.imperfections import TOUCH_INTERVAL_S
 from eitbench.scenarios.interrupts import end_with_parent
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
-from eitbench.scenarios.physics.forward import ForwardModel, forward_model
+from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.sensor import content_hash
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
@@ -95,31 +95,38 @@ def clean_frames(
     )
 
 
-def fresh_voltages(
-    scenario: SimulatedScenario, split: Split, samples: range, *, jobs: int = 1
-) -> Array:
-    """Frames (n, M) [V/A] of any `samples` of `split`, without noise; the cache has no part in it.
+def nominal_samples(
+    scenario: SimulatedScenario, samples: range, *, jobs: int = 1
+) -> tuple[NDArray[np.float32], Array]:
+    """Any `samples` of the training split on the nominal sensor; the cache has no part in it.
 
-    They may lie beyond those that the scenario declares.
+    They may lie beyond those that the scenario declares. Frames are solved in batches: they may
+    differ from stored ones by rounding.
+
+    Returns:
+        Conductivities (n, H, W) [S/m], and frames (n, M) [V/A] without noise.
     """
-    check_open(split)
+    check_open("train")
+    sensor = scenario.nominal_sensor
     parts = [samples[first : first + CHUNK] for first in range(0, len(samples), CHUNK)]
-    pool = joblib.Parallel(n_jobs=jobs, initializer=end_with_parent)
-    found = pool(joblib.delayed(_voltages)(scenario, split, part) for part in parts)
-    return np.concatenate(found)
+    pool = joblib.Parallel(n_jobs=jobs, return_as="generator", initializer=end_with_parent)
+    images = np.empty((len(samples), *sensor.image_shape), dtype=np.float32)
+    voltages = np.empty((len(samples), sensor.n_measurements))
+    first = 0
+    for of_part in pool(joblib.delayed(_nominal_part)(scenario, part) for part in parts):
+        rows = slice(first, first := first + len(of_part[0]))
+        images[rows], voltages[rows] = of_part
+    return images, voltages
 
 
-def _voltages(scenario: SimulatedScenario, split: Split, samples: range) -> Array:
-    """Frames (n, M) [V/A], solved in batches: they may differ from stored ones by rounding."""
-    frames: list[Array] = []
+def _nominal_part(
+    scenario: SimulatedScenario, samples: range
+) -> tuple[NDArray[np.float32], Array]:
+    """See `nominal_samples`; runs in a worker process, on one thread."""
+    sensor = scenario.nominal_sensor
     with threadpool_limits(1):
-        for model, of in groupby(samples, lambda k: scenario.data_model(split, k // TOUCHES)):
-            images = np.array([conductivity(scenario, split, sample) for sample in of])
-            if isinstance(model, ForwardModel):
-                frames.extend(model.voltages(images))
-            else:  # a slab takes one image at a time
-                frames.extend(model.voltages(image) for image in images)
-    return np.array(frames)
+        images = np.array([rasterise(phantom(scenario, "train", k), sensor) for k in samples])
+        return images.astype(np.float32), forward_model(sensor).voltages(images)
 
 
 def with_bar(steps: Iterable[_Step], title: str, total: int, *, show: bool) -> Iterable[_Step]:
