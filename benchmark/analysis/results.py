@@ -376,8 +376,10 @@ def code_of(run: Run, name: str) -> str:
         module = module or next(own, None)
     if module is None:
         return "an installed package"
-    version = run.manifest.get("versions", {}).get("eitbench") or ""
-    commit = run.manifest.get("git_commit") or ""
+    added = (of for of in run.manifest.get(manifest.ADDED, ()) if name in of["names"])
+    about = next(added, run.manifest)
+    version = about.get("versions", {}).get("eitbench") or ""
+    commit = about.get("git_commit") or ""
     at = ", ".join(part for part in (version, commit[:10] and f"commit {commit[:10]}") if part)
     return f"methods/{module.replace('.', '/')}.py of eitbench {at}".strip()
 

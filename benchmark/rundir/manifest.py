@@ -20,6 +20,8 @@ from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.suites.suite import Suite
 
 FILE_NAME = "manifest.json"
+ADDED = "added"
+"""Entry of a manifest: the runs of methods that came to a record later, with their `names`."""
 MOST_SAMPLES = 1_000_000
 """Of a scenario: more would fill memory wherever its images are read."""
 PACKAGES = (

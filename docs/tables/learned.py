@@ -18,6 +18,8 @@ _TRAININGS = {
     "phydnn": "the same, with the physical loss",
     "learned-gn": "refines the image of `dnn` once, with the residual of the exact model",
     "learned-gn-2": "refines that of `learned-gn` in the same way, with the loss `log-mse`",
+    "dnn-large": "a larger U-Net, on 240,000 samples, with the loss `log-mse`",
+    "learned-gn-large": "refines the image of `dnn-large` once, with the loss `log-mse`",
     "coarse-to-fine": "refines NOSER's images",
     "dnn-randomised": "continues `dnn` on units with imperfections",
     "learned-proximal": "three unrolled steps",

@@ -177,6 +177,15 @@ class ContinuedMethod(RefinementMethod):
         self.begun_train_s = self._first.train_s
         self._range = problem.sensor.conductivity_range
 
+    def prepare(
+        self, problem: Problem, tensors: Mapping[str, Tensor], metadata: Mapping[str, str]
+    ) -> None:
+        """See `TrainedMethod`; what `first` learned from was learned from, too."""
+        super().prepare(problem, tensors, metadata)
+        before = self._first.trained_on
+        if int(before["train_samples"]) > int(self.trained_on["train_samples"]):
+            self.trained_on = before
+
     def to(self, device: str) -> None:
         """See `RefinementMethod`."""
         super().to(device)

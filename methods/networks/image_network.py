@@ -62,7 +62,7 @@ FEWER_CHANNELS = (16, 40, 80)
 """Those of the small network, which takes a third of the time."""
 
 MORE_CHANNELS, MORE_BLOCKS = (80, 160, 320), 2
-"""Those of the large network, and its blocks on every grid: it takes nine times the time."""
+"""Those of the large network, and its blocks on every grid."""
 
 LATENT = 10
 """Channels that come from the voltages directly, not by way of the linear image."""

@@ -7,7 +7,6 @@ import json
 import re
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
@@ -32,11 +31,9 @@ from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.reports.board.changes import checksums, version_key
+from eitbench.reports.board.further_methods import check_same_frames, joined, joined_manifest
 from eitbench.reports.figures.cases import case_samples
 from eitbench.reports.page.images import shown_samples
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 SUMS = "SHA256SUMS"
 """Of all records of a version: shows that nobody changed them, with `sha256sum -c SHA256SUMS`."""
@@ -54,8 +51,14 @@ STEPS = 125
 """Values of an image over the data range of its sensor: images of records are rounded to these."""
 
 
-def write_record(run_path: Path, out: Path) -> Path:
+def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
     """Keep a whole run of a suite as a record in the new folder `out`.
+
+    Args:
+        run_path: the run.
+        out: the record.
+        older: a record of the same frames, from which the rows of methods that the run lacks are
+            taken; without one the run has to have all.
 
     Raises:
         InputError: the run is not finished, limited, or not of all methods (or operators) and
@@ -63,31 +66,35 @@ def write_record(run_path: Path, out: Path) -> Path:
         DataCorruptError: it cannot be read.
     """
     check_new(out)
-    run = read_run(run_path)
-    if lacking := _lacking(run):
+    run, kept = read_run(run_path), None if older is None else read_run(older)
+    if lacking := _lacking(run, kept):
         raise InputError(f"{run_path} is no whole run: {lacking}.")
     write_notes(run_path)
+    cells = _without_busy_times(run, out).assign(checksums=checksums(run))
+    # All methods repeat the hashes of frames.
+    samples = with_short_hashes(run.samples)
+    content = _without_paths(run.manifest) | {"images": SHOWN}
+    seen, found = seen_table(run), alarms(run)
+    if kept is not None:
+        check_same_frames(kept, run.manifest, samples)
+        cells, samples = joined(kept, kept.cells, cells), joined(kept, kept.samples, samples)
+        seen = None if seen is None else joined(kept, seen_table(kept), seen)
+        found = found if found.empty else joined(kept, alarms(kept), found)
+        content = joined_manifest(kept.manifest, content)
     staged = out.with_name(f".{out.name}.part")
     shutil.rmtree(staged, ignore_errors=True)
     staged.mkdir(parents=True)
     if (run_path / NOTES_FILE).is_file():
         shutil.copyfile(run_path / NOTES_FILE, staged / NOTES_FILE)
-    cells = _without_busy_times(run, out).assign(checksums=checksums(run))
     cells.to_parquet(staged / run.kind.table, index=False)
-    # All methods repeat the hashes of frames.
-    _write_rounded(with_short_hashes(run.samples), staged / SAMPLES)
-    content = _without_paths(run.manifest) | {"images": SHOWN}
+    _write_rounded(samples, staged / SAMPLES)
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     atomic_write(staged / manifest.FILE_NAME, text.encode())
     if run.kind is METHOD_RUNS:  # operators have no images
-        shown = {
-            name: sorted({*shown_samples(run, name), *case_samples(run, name)})
-            for name in run.scenarios()
-        }
-        _write_images(run, shown, staged / run.kind.arrays)
-        if (seen := seen_table(run)) is not None:
+        _write_images(run, kept, staged / run.kind.arrays)
+        if seen is not None:
             _write_rounded(seen, staged / SEEN_FILE)
-        if not (found := alarms(run)).empty:
+        if not found.empty:
             found.to_parquet(staged / ALARMS_FILE, index=False)
     staged.rename(out)
     with (out.parent / SUMS).open("a") as sums:
@@ -168,8 +175,8 @@ def check_new(out: Path) -> None:
         )
 
 
-def _lacking(run: Run) -> str:
-    """What a run lacks of its suite, as a part of a sentence; "" if nothing."""
+def _lacking(run: Run, kept: Run | None) -> str:
+    """What a run lacks of its suite, `kept` rows included, as a part of a sentence; or ""."""
     suite = manifest.suite_of(run.manifest)
     if run.manifest.get("hidden"):
         return "it holds frames of a hidden set, of which only figures are published"
@@ -179,40 +186,55 @@ def _lacking(run: Run) -> str:
         return "it was limited to some test samples"
     if missing := [s.name for s in suite.scenarios if s.name not in run.scenarios()]:
         return f"it lacks the scenario {missing[0]!r}"
-    ran = set(run.cells[run.kind.name])
-    left_out = run.manifest.get("skipped", {})
+    ran, left_out = set(run.cells[run.kind.name]), dict(run.manifest.get("skipped", {}))
+    if kept is not None:
+        ran |= set(kept.cells[run.kind.name])
+        left_out |= kept.manifest.get("skipped", {})
     for name in suite.names:
         if name not in ran and not any(cell.endswith(f"/{name}") for cell in left_out):
             return f"it lacks the {run.kind.name} {name!r}"
     return ""
 
 
-def _write_images(run: Run, shown: Mapping[str, Sequence[int]], path: Path) -> None:
-    """Write truth and images of the `shown` samples of each scenario, rounded to `STEPS`."""
-    array = run.kind.array
+def _write_images(run: Run, kept: Run | None, path: Path) -> None:
+    """Write truth and images of the samples that are shown, rounded to `STEPS`.
+
+    Beside `kept` images they are of the samples that these are of.
+    """
+    ran = set(run.cells[run.kind.name])
     with (
         h5py.File(run.path / run.kind.arrays, "r") as file,
         # The newest format takes 4 kB less for each group.
-        h5py.File(path, "w", libver="latest") as kept,
+        h5py.File(path, "w", libver="latest") as out,
     ):
-        for scenario, samples in shown.items():
-            step = float(file[f"{scenario}/{TRUTH}"].attrs["data_range"]) / STEPS
-            for name, group in file[scenario].items():
-                of = kept.create_group(f"{scenario}/{name}")
-                of.attrs.update(group.attrs)
-                rows = np.flatnonzero(np.isin(group["sample"][:], list(samples)))
-                of["sample"] = group["sample"][:][rows]
-                for key in group.keys() - {"sample", "validation"}:
-                    values = group[key][:] if key == "mask" else group[key][rows]
-                    images = values.dtype.kind == "f" and values.ndim > 1
-                    values = packed(values, step) if images else values
-                    layout = {"compression": "gzip", "compression_opts": 9, "shuffle": True}
-                    stored = of.create_dataset(
-                        key, data=values, **(layout if values.ndim > 1 else {})
-                    )
-                    if images:
-                        stored.attrs["step"] = step
-                assert name == TRUTH or array in of
+        for scenario in run.scenarios():
+            of, groups = file[scenario], set(file[scenario])
+            shown = {*shown_samples(run, scenario), *case_samples(run, scenario)}
+            if kept is not None:
+                with h5py.File(kept.path / run.kind.arrays, "r") as older:
+                    shown = set(older[f"{scenario}/{TRUTH}/sample"][:].tolist())
+                    for name in older[scenario].keys() - ran:
+                        older.copy(f"{scenario}/{name}", out.require_group(scenario))
+                groups.remove(TRUTH)
+            step = float(of[TRUTH].attrs["data_range"]) / STEPS
+            for name in sorted(groups):
+                _write_group(of[name], shown, out.create_group(f"{scenario}/{name}"), step)
+                assert name == TRUTH or run.kind.array in out[f"{scenario}/{name}"]
+
+
+def _write_group(group: h5py.Group, shown: set[int], out: h5py.Group, step: float) -> None:
+    """Write what a run keeps of a method, or of the truth, for the `shown` samples."""
+    out.attrs.update(group.attrs)
+    rows = np.flatnonzero(np.isin(group["sample"][:], list(shown)))
+    out["sample"] = group["sample"][:][rows]
+    for key in group.keys() - {"sample", "validation"}:
+        values = group[key][:] if key == "mask" else group[key][rows]
+        images = values.dtype.kind == "f" and values.ndim > 1
+        values = packed(values, step) if images else values
+        layout = {"compression": "gzip", "compression_opts": 9, "shuffle": True}
+        stored = out.create_dataset(key, data=values, **(layout if values.ndim > 1 else {}))
+        if images:
+            stored.attrs["step"] = step
 
 
 def cost(suite: str, records: Path) -> str:

@@ -113,7 +113,7 @@ class BoardData(TypedDict):
 
 _PROVENANCE = (
     "command_line", "started", "finished", "status", "git_commit", "versions", "machine", "threads",
-    "seeds", "calibration_ms", "data", "cells", "plan",
+    "seeds", "calibration_ms", "data", "cells", "plan", "added",
 )  # fmt: skip
 
 

@@ -119,9 +119,7 @@ def nominal_samples(
     return images, voltages
 
 
-def _nominal_part(
-    scenario: SimulatedScenario, samples: range
-) -> tuple[NDArray[np.float32], Array]:
+def _nominal_part(scenario: SimulatedScenario, samples: range) -> tuple[NDArray[np.float32], Array]:
     """See `nominal_samples`; runs in a worker process, on one thread."""
     sensor = scenario.nominal_sensor
     with threadpool_limits(1):

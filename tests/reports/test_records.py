@@ -339,6 +339,55 @@ def test_reasons_are_texts_by_method(tmp_path: Path) -> None:
         reasons(tmp_path)
 
 
+def test_methods_that_come_later_stand_beside_the_rows_of_the_record_before(
+    record: Path, tmp_path: Path
+) -> None:
+    """As in a record of a run of all, but for times; `greit` is run again, `noser` is not."""
+    suite = SUITE.model_copy(update={"methods": ("noser", "greit", "tikhonov")})
+    part = start_run(make_plan(suite, methods=("greit", "tikhonov")), tmp_path / "part").path
+    with pytest.raises(InputError, match="lacks the method 'noser'"):
+        write_record(part, tmp_path / "2026.1" / "mine")
+    grown = read_run(write_record(part, tmp_path / "2026.2" / "mine", record))
+    whole = start_run(make_plan(suite), tmp_path / "whole").path
+    every = read_run(write_record(whole, tmp_path / "2026.3" / "mine"))
+    figures = ["scenario", "method", "sample", "input_hash", "psnr", "ssim", "score"]
+    one, other = (
+        of.samples.sort_values(["method", "sample"])[figures].reset_index(drop=True)
+        for of in (grown, every)
+    )
+    pd.testing.assert_frame_equal(one, other)
+    sums = [dict(zip(of.cells["method"], of.cells["checksums"], strict=True)) for of in
+            (read_run(record), grown, every)]  # fmt: skip
+    assert sums[1] == sums[2]
+    assert sums[1]["noser"] == sums[0]["noser"]
+    before = read_run(record)
+    shown = before.scene("n", range(SCENARIO.test)).sample.tolist()
+    for name in suite.methods:
+        images = grown.estimates("n", name, shown)
+        assert images is not None
+        assert np.isfinite(images).all()
+        if name != "tikhonov":
+            np.testing.assert_array_equal(images, before.estimates("n", name, shown))
+    (added,) = grown.manifest["added"]
+    assert added["names"] == ["greit", "tikhonov"]
+    assert grown.manifest["started"] == before.manifest["started"]
+    assert grown.manifest["plan"]["names"] == ["noser", "greit", "tikhonov"]
+    assert {row["method"] for row in leaderboard_rows([grown])} == set(suite.methods)
+    # What comes later still replaces what it was run again for.
+    third = start_run(make_plan(suite, methods=("tikhonov",)), tmp_path / "third").path
+    last = read_run(write_record(third, tmp_path / "2026.4" / "mine", grown.path))
+    assert [of["names"] for of in last.manifest["added"]] == [["greit"], ["tikhonov"]]
+
+
+def test_methods_on_other_frames_do_not_stand_beside_a_record(record: Path, tmp_path: Path) -> None:
+    noisier = SCENARIO.model_copy(update={"noise": SplitNoise(test=30.0)})
+    suite = SUITE.model_copy(update={"scenarios": (noisier,)})
+    part = start_run(make_plan(suite, methods=("greit",)), tmp_path / "part").path
+    with pytest.raises(InputError, match=r"frames of .n. are others than in .*: run the whole"):
+        write_record(part, tmp_path / "2026.2" / "mine", record)
+    assert not (tmp_path / "2026.2").exists()
+
+
 def test_every_change_of_the_leaderboard_has_its_reason() -> None:
     """Methods that nobody changed keep their figures, to the last bit on one kind of machine."""
     for manifest in BOARD.glob("2*/*/manifest.json"):

@@ -20,6 +20,9 @@ def board(
     runs: Annotated[
         Path, typer.Option(metavar="DIR", help="Where the run goes; a stopped one goes on.")
     ],
+    methods: Annotated[
+        str, typer.Option(metavar="A,B", help="Run these alone; all others are as last recorded.")
+    ] = "",
     version: Version = VERSION,
     records: Records = RECORDS,
     jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
@@ -27,7 +30,8 @@ def board(
     """Run a whole suite and keep it as a record of the leaderboard, small enough for git.
 
     It says first what the suite cost when it was recorded last. Records are never edited: what
-    changes figures is a new version.
+    changes figures is a new version. It can take the rows of methods that nobody changed from the
+    version before.
     """
     from eitbench.benchmark.run.progress import RunProgress
     from eitbench.benchmark.run.runner import make_plan, resume_run, start_run
@@ -42,6 +46,12 @@ def board(
         raise unknown_name("suite", suite, suites())
     declared, out, run = load_suite(suite), records / version / suite, runs / suite
     check_new(out)
+    older = last_before(out)
+    if methods and older is None:
+        raise InputError(
+            f"No version before {version} has a record of {suite!r} to take other methods from: "
+            "leave --methods out."
+        )
     typer.echo(cost(suite, records))
     progress = RunProgress()
     begun = (run / manifest.FILE_NAME).is_file()
@@ -52,11 +62,12 @@ def board(
     if begun:
         result = resume_run(run, suite=declared, jobs=jobs, progress=progress)
     else:
-        result = start_run(make_plan(declared), run, jobs=jobs, progress=progress)
+        plan = make_plan(declared, methods=methods.split(",") if methods else ())
+        result = start_run(plan, run, jobs=jobs, progress=progress)
     for sentence in (*result.skipped, *result.refused):
         warn(sentence)
-    typer.echo(f"Record: {write_record(result.path, out)}")
-    if (older := last_before(out)) is not None:
+    typer.echo(f"Record: {write_record(result.path, out, older if methods else None)}")
+    if older is not None:
         found, why = changes(older, out), reasons(out.parent)
         for sentence in in_words(found, why):
             typer.echo(sentence)
