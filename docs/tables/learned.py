@@ -36,10 +36,11 @@ def _weights() -> str:
         (path,) = packaged_weights().glob(f"{name}-foam16-*.json")
         about = json.loads(path.read_text())
         minutes = sum(epoch["seconds"] for epoch in about["curve"]) / 60
-        rows.append([f"`{name}`", what, about["epochs"], f"{minutes:.0f}"])
+        device = "one core" if about["device"] == "cpu" else about["device"]
+        rows.append([f"`{name}`", what, about["epochs"], device, f"{minutes:.0f}"])
     rows.append(["`shape-posterior`, `ensemble`", "none of their own: they use `dnn` and "
-                 "`learned-gn`", "", ""])  # fmt: skip
-    return printed(["weights", "training", "epochs", "minutes"], rows)
+                 "`learned-gn`", "", "", ""])  # fmt: skip
+    return printed(["weights", "training", "epochs", "on", "minutes"], rows)
 
 
 def _clean() -> str:
@@ -48,35 +49,47 @@ def _clean() -> str:
     Below those of methods that have all samples stand the methods that have the first ones alone,
     each with the best of the others and `dnn` on the same samples.
     """
-    samples = record("paper").samples
+    run = record("paper")
+    samples, shown = run.samples, _training_samples(run.cells)
     of = {str(name): rows.set_index("sample") for name, rows in samples.groupby("method")}
     psnr = {name: rows["psnr"] for name, rows in of.items()}
     n = max(map(len, of.values()))
     names = sorted(of, key=lambda name: -psnr[name].mean())
     whole = [name for name in names if len(of[name]) == n]
-    rows = [_clean_row(name, of[name], psnr["dnn"]) for name in whole]
+    rows = [_clean_row(name, shown, of[name], psnr["dnn"]) for name in whole]
     for name in names:
         if len(first := of[name]) < n:
             rows += [
-                _clean_row(other, of[other].loc[first.index], psnr["dnn"].loc[first.index])
+                _clean_row(other, shown, of[other].loc[first.index], psnr["dnn"].loc[first.index])
                 for other in (name, whole[0], "dnn")
             ]
     for name in ("phydnn", "dnn"):
-        rows.append([f"published {LABELS[name]}", "", *_clean_figures(TABLE_II[name]), "", "", ""])
+        figures = _clean_figures(TABLE_II[name])
+        rows.append([f"published {LABELS[name]}", "24,000", "", *figures, "", "", ""])
     heads = [
-        *("", "samples", "SSIM", "CC", "RIE", "PSNR [dB]", "median"),
+        *("", "trained on", "samples", "SSIM", "CC", "RIE", "PSNR [dB]", "median"),
         *("of the mean error", "over `dnn` (95 %)"),
     ]
     return printed(heads, rows)
 
 
-def _clean_row(name: str, samples: pd.DataFrame, base: pd.Series) -> list[str]:
+def _training_samples(cells: pd.DataFrame) -> dict[str, str]:
+    """The number of samples behind the weights of each method that loads some."""
+    known = {row["method"]: json.loads(row["prior_knowledge"]) for _, row in cells.iterrows()}
+    counts = {name: of["trained_on"].get("train_samples") for name, of in known.items()}
+    return {name: f"{int(count):,}" for name, count in counts.items() if count}
+
+
+def _clean_row(
+    name: str, shown: Mapping[str, str], samples: pd.DataFrame, base: pd.Series
+) -> list[str]:
     psnr = samples["psnr"]
     gain = psnr - base
     error = 1.96 * gain.std() / np.sqrt(len(gain))
     ends = f"{gain.mean() - error:+.2f} to {gain.mean() + error:+.2f}"
     return [
-        f"`{name}`", f"{len(samples):,}", *_clean_figures(samples.mean(numeric_only=True)),
+        f"`{name}`", shown.get(name, ""), f"{len(samples):,}",
+        *_clean_figures(samples.mean(numeric_only=True)),
         f"{psnr.median():.2f}", f"{psnr_of_mean(psnr):.2f}",
         "" if name == "dnn" else f"{gain.mean():+.2f} ({ends})",
     ]  # fmt: skip

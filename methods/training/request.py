@@ -49,7 +49,8 @@ class TrainingRequest:
             samples.
         epochs: how often every training sample is seen; by default as published or as shipped.
         seed: of initial weights, order, noise and symmetries.
-        limit: training samples to use; all by default.
+        limit: training samples to use; all that the scenario declares by default. A training that
+            takes `unlimited` draws more if they are more.
         unlimited: True for new training samples in every epoch, as many as `limit` or the scenario
             says; the first epoch has the declared ones.
         start: "new" for a network that begins as its baseline, or "weights" to begin with the

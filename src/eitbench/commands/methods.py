@@ -115,7 +115,11 @@ def train(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Decides all that is random.")] = 0,
     limit: Annotated[
-        int | None, typer.Option(min=1, help="Use so many training samples (default: all).")
+        int | None,
+        typer.Option(
+            min=1,
+            help="Training samples (default: all declared; networks like dnn take more, too).",
+        ),
     ] = None,
     unlimited: Annotated[
         bool, typer.Option("--unlimited", help="New training samples in every epoch.")
@@ -139,7 +143,7 @@ def train(
     backbone: Annotated[
         str | None,
         typer.Option(
-            help="Kind of network: unet, unet-small, mlp, fno or linear (default: its own)."
+            help="Network: unet, unet-small, unet-large, mlp, fno or linear (default: its own)."
         ),
     ] = None,
     gain_power: Annotated[

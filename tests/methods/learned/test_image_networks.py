@@ -504,6 +504,36 @@ def test_training_data_without_end_are_new_phantoms_and_counted(
     assert method.trained_on["unlimited"] == "1"
 
 
+def test_more_training_samples_than_are_declared_follow_these(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ImageNetworkMethod, "recipe", recipe(batch=32, rate=1e-4))
+    given: list[Data] = []
+
+    def fit(job: TrainingJob, task: ImageTask, train: Data, *others: Any, **options: Any) -> None:
+        given.append(train)
+        assert others[2]["train_samples"] == str(TINY.train + 40)
+        assert others[2]["unlimited"] == "1"
+
+    monkeypatch.setattr(TrainingJob, "fit", fit)
+    tiny = suite_of(tmp_path, TINY)
+    train(TrainingRequest("dnn", tiny, limit=TINY.train + 40, out=tmp_path / "o"))
+    declared = load(TINY, "train")
+    assert declared.conductivity is not None
+    difference, _, images, units = given[0]
+    assert len(difference) == len(images) == len(units) == TINY.train + 40
+    shown = slice(TINY.train)
+    np.testing.assert_allclose(images[shown], declared.conductivity / SENSOR.background, rtol=1e-6)
+    clean = clean_frames(TINY, "train", TINY.train)
+    expected = clean.voltages - clean.untouched
+    np.testing.assert_allclose(difference[shown], expected, atol=1e-6 * np.abs(expected).max())
+    further = images[TINY.train :].flatten(1).unique(dim=0)
+    assert len(further) == 40
+    uneven = suite_of(tmp_path, UNEVEN)
+    with pytest.raises(InputError, match="makes more touches of the nominal sensor than are decl"):
+        train(TrainingRequest("dnn", uneven, limit=UNEVEN.train + 1, out=tmp_path / "never"))
+
+
 def test_a_loss_of_logarithms_is_the_mean_psnr() -> None:
     error = torch.randn(5, 8, 8, dtype=torch.float64) * torch.logspace(-1, 1, 5)[:, None, None]
     psnr = -10 * torch.log10(error.square().mean((1, 2)) + 1e-5)
