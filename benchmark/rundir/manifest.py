@@ -21,7 +21,7 @@ from eitbench.scenarios.suites.suite import Suite
 
 FILE_NAME = "manifest.json"
 ADDED = "added"
-"""Entry of a manifest: the runs of methods that came to a record later, with their `names`."""
+"""Entry of a manifest: the runs that a record took later `cells` from, as SCENARIO/METHOD."""
 MOST_SAMPLES = 1_000_000
 """Of a scenario: more would fill memory wherever its images are read."""
 PACKAGES = (

@@ -31,7 +31,7 @@ from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.reports.board.changes import checksums, version_key
-from eitbench.reports.board.further_methods import check_same_frames, joined, joined_manifest
+from eitbench.reports.board.further_methods import joined, joined_manifest, on_frames_of
 from eitbench.reports.figures.cases import case_samples
 from eitbench.reports.page.images import shown_samples
 
@@ -76,11 +76,12 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
     content = _without_paths(run.manifest) | {"images": SHOWN}
     seen, found = seen_table(run), alarms(run)
     if kept is not None:
-        check_same_frames(kept, run.manifest, samples)
-        cells, samples = joined(kept, kept.cells, cells), joined(kept, kept.samples, samples)
+        named = on_frames_of(kept, run.manifest, samples)
+        same_bits = bool((named["input_hash"] == samples["input_hash"]).all())
+        cells, samples = joined(kept, kept.cells, cells), joined(kept, kept.samples, named)
         seen = None if seen is None else joined(kept, seen_table(kept), seen)
         found = found if found.empty else joined(kept, alarms(kept), found)
-        content = joined_manifest(kept.manifest, content)
+        content = joined_manifest(kept.manifest, content, same_bits)
     staged = out.with_name(f".{out.name}.part")
     shutil.rmtree(staged, ignore_errors=True)
     staged.mkdir(parents=True)
@@ -184,12 +185,12 @@ def _lacking(run: Run, kept: Run | None) -> str:
         return "it is a record itself, with images of few samples"
     if run.manifest.get("plan", {}).get("limit") != suite.limit:
         return "it was limited to some test samples"
-    if missing := [s.name for s in suite.scenarios if s.name not in run.scenarios()]:
+    runs = [of for of in (kept, run) if of is not None]
+    there = {name for of in runs for name in of.scenarios()}
+    if missing := [s.name for s in suite.scenarios if s.name not in there]:
         return f"it lacks the scenario {missing[0]!r}"
-    ran, left_out = set(run.cells[run.kind.name]), dict(run.manifest.get("skipped", {}))
-    if kept is not None:
-        ran |= set(kept.cells[run.kind.name])
-        left_out |= kept.manifest.get("skipped", {})
+    ran = {name for of in runs for name in of.cells[of.kind.name]}
+    left_out = {cell for of in runs for cell in of.manifest.get("skipped", {})}
     for name in suite.names:
         if name not in ran and not any(cell.endswith(f"/{name}") for cell in left_out):
             return f"it lacks the {run.kind.name} {name!r}"
@@ -201,20 +202,30 @@ def _write_images(run: Run, kept: Run | None, path: Path) -> None:
 
     Beside `kept` images they are of the samples that these are of.
     """
-    ran = set(run.cells[run.kind.name])
-    with (
-        h5py.File(run.path / run.kind.arrays, "r") as file,
-        # The newest format takes 4 kB less for each group.
-        h5py.File(path, "w", libver="latest") as out,
-    ):
+    # The newest format takes 4 kB less for each group.
+    with h5py.File(path, "w", libver="latest") as out:
+        if kept is not None:
+            _copy_images(kept, run, out)
+        _add_images(run, out)
+
+
+def _copy_images(kept: Run, run: Run, out: h5py.File) -> None:
+    """Copy the images of a record, but those of what was run again."""
+    with h5py.File(kept.path / kept.kind.arrays, "r") as older:
+        for scenario in kept.scenarios():
+            again = set(run.cells.loc[run.cells["scenario"] == scenario, run.kind.name])
+            for name in older[scenario].keys() - again:
+                older.copy(f"{scenario}/{name}", out.require_group(scenario))
+
+
+def _add_images(run: Run, out: h5py.File) -> None:
+    """Add the images of a run, of the samples whose truth is there if it is."""
+    with h5py.File(run.path / run.kind.arrays, "r") as file:
         for scenario in run.scenarios():
             of, groups = file[scenario], set(file[scenario])
             shown = {*shown_samples(run, scenario), *case_samples(run, scenario)}
-            if kept is not None:
-                with h5py.File(kept.path / run.kind.arrays, "r") as older:
-                    shown = set(older[f"{scenario}/{TRUTH}/sample"][:].tolist())
-                    for name in older[scenario].keys() - ran:
-                        older.copy(f"{scenario}/{name}", out.require_group(scenario))
+            if scenario in out:
+                shown = set(out[f"{scenario}/{TRUTH}/sample"][:].tolist())
                 groups.remove(TRUTH)
             step = float(of[TRUTH].attrs["data_range"]) / STEPS
             for name in sorted(groups):

@@ -343,7 +343,8 @@ def test_methods_that_come_later_stand_beside_the_rows_of_the_record_before(
     record: Path, tmp_path: Path
 ) -> None:
     """As in a record of a run of all, but for times; `greit` is run again, `noser` is not."""
-    suite = SUITE.model_copy(update={"methods": ("noser", "greit", "tikhonov")})
+    names = ("noser", "greit", "tikhonov")
+    suite = SUITE.model_copy(update={"methods": names})
     part = start_run(make_plan(suite, methods=("greit", "tikhonov")), tmp_path / "part").path
     with pytest.raises(InputError, match="lacks the method 'noser'"):
         write_record(part, tmp_path / "2026.1" / "mine")
@@ -362,21 +363,54 @@ def test_methods_that_come_later_stand_beside_the_rows_of_the_record_before(
     assert sums[1]["noser"] == sums[0]["noser"]
     before = read_run(record)
     shown = before.scene("n", range(SCENARIO.test)).sample.tolist()
-    for name in suite.methods:
+    for name in names:
         images = grown.estimates("n", name, shown)
         assert images is not None
         assert np.isfinite(images).all()
         if name != "tikhonov":
             np.testing.assert_array_equal(images, before.estimates("n", name, shown))
     (added,) = grown.manifest["added"]
-    assert added["names"] == ["greit", "tikhonov"]
+    assert (added["cells"], added["same_bits"]) == (["n/greit", "n/tikhonov"], True)
     assert grown.manifest["started"] == before.manifest["started"]
     assert grown.manifest["plan"]["names"] == ["noser", "greit", "tikhonov"]
-    assert {row["method"] for row in leaderboard_rows([grown])} == set(suite.methods)
+    assert {row["method"] for row in leaderboard_rows([grown])} == set(names)
+    # Another kind of processor gives the frames other last bits: the record names them as before.
+    samples = pd.read_parquet(part / "samples.parquet")
+    samples["input_hash"] = samples["input_hash"].str[::-1]
+    samples.to_parquet(part / "samples.parquet")
+    elsewhere = read_run(write_record(part, tmp_path / "2026.5" / "mine", record))
+    assert elsewhere.manifest["added"][0]["same_bits"] is False
+    assert elsewhere.samples.equals(grown.samples)
     # What comes later still replaces what it was run again for.
     third = start_run(make_plan(suite, methods=("tikhonov",)), tmp_path / "third").path
     last = read_run(write_record(third, tmp_path / "2026.4" / "mine", grown.path))
-    assert [of["names"] for of in last.manifest["added"]] == [["greit"], ["tikhonov"]]
+    assert [of["cells"] for of in last.manifest["added"]] == [["n/greit"], ["n/tikhonov"]]
+
+
+def test_a_scenario_that_is_run_again_leaves_the_others_as_they_were(tmp_path: Path) -> None:
+    second = SCENARIO.model_copy(update={"name": "m", "families": ("triangle",), "test": 12})
+    suite = SUITE.model_copy(update={"scenarios": (SCENARIO, second)})
+    made = start_run(make_plan(suite), tmp_path / "whole").path
+    before = read_run(write_record(made, tmp_path / "2026.1" / "mine"))
+    parameters = {"greit": {"weight": 0.5}}
+    plan = make_plan(suite, methods=("greit",), scenarios=("m",), parameters=parameters)
+    part = start_run(plan, tmp_path / "part").path
+    grown = read_run(write_record(part, tmp_path / "2026.2" / "mine", before.path))
+    found = changes(before.path, grown.path)
+    assert (found.kept, list(found.changed)) == (["noser"], ["greit"])
+    assert "12 of 12 samples of m" in found.changed["greit"]
+    assert "samples of n" not in found.changed["greit"]
+    for of in (before, grown):
+        assert list(of.cells["scenario"] + "/" + of.cells["method"]) == [
+            "n/noser", "n/greit", "m/noser", "m/greit"
+        ]  # fmt: skip
+    for scenario in ("n", "m"):
+        shown = before.scene(scenario, range(30)).sample.tolist()
+        assert grown.scene(scenario, range(30)).sample.tolist() == shown
+        one, other = (of.estimates(scenario, "greit", shown) for of in (before, grown))
+        assert one is not None
+        assert other is not None
+        assert np.array_equal(one, other) == (scenario == "n")
 
 
 def test_methods_on_other_frames_do_not_stand_beside_a_record(record: Path, tmp_path: Path) -> None:

@@ -21,7 +21,12 @@ def board(
         Path, typer.Option(metavar="DIR", help="Where the run goes; a stopped one goes on.")
     ],
     methods: Annotated[
-        str, typer.Option(metavar="A,B", help="Run these alone; all others are as last recorded.")
+        str | None,
+        typer.Option(metavar="A,B", help="Run these alone; all others are as last recorded."),
+    ] = None,
+    scenarios: Annotated[
+        str,
+        typer.Option(metavar="X,Y", help="On these alone; on others they are as last recorded."),
     ] = "",
     version: Version = VERSION,
     records: Records = RECORDS,
@@ -36,7 +41,7 @@ def board(
     from eitbench.benchmark.run.progress import RunProgress
     from eitbench.benchmark.run.runner import make_plan, resume_run, start_run
     from eitbench.benchmark.rundir import manifest
-    from eitbench.commands.console import warn
+    from eitbench.commands.console import names_in, warn
     from eitbench.reports.board.changes import REASONS, changes, in_words, last_before, reasons
     from eitbench.reports.board.records import check_new, cost, write_record
     from eitbench.scenarios.errors import InputError, unknown_name
@@ -47,10 +52,11 @@ def board(
     declared, out, run = load_suite(suite), records / version / suite, runs / suite
     check_new(out)
     older = last_before(out)
-    if methods and older is None:
+    part = bool(methods or scenarios)
+    if part and older is None:
         raise InputError(
-            f"No version before {version} has a record of {suite!r} to take other methods from: "
-            "leave --methods out."
+            f"No version before {version} has a record of {suite!r} to take the other rows from: "
+            "leave --methods and --scenarios out."
         )
     typer.echo(cost(suite, records))
     progress = RunProgress()
@@ -62,11 +68,15 @@ def board(
     if begun:
         result = resume_run(run, suite=declared, jobs=jobs, progress=progress)
     else:
-        plan = make_plan(declared, methods=methods.split(",") if methods else ())
+        plan = make_plan(
+            declared,
+            methods=names_in("--methods", methods),
+            scenarios=names_in("--scenarios", scenarios),
+        )
         result = start_run(plan, run, jobs=jobs, progress=progress)
     for sentence in (*result.skipped, *result.refused):
         warn(sentence)
-    typer.echo(f"Record: {write_record(result.path, out, older if methods else None)}")
+    typer.echo(f"Record: {write_record(result.path, out, older if part else None)}")
     if older is not None:
         found, why = changes(older, out), reasons(out.parent)
         for sentence in in_words(found, why):

@@ -527,7 +527,7 @@ def test_more_training_samples_than_are_declared_follow_these(
     clean = clean_frames(TINY, "train", TINY.train)
     expected = clean.voltages - clean.untouched
     np.testing.assert_allclose(difference[shown], expected, atol=1e-6 * np.abs(expected).max())
-    further = images[TINY.train :].flatten(1).unique(dim=0)
+    further = np.unique(images[TINY.train :].flatten(1).numpy(), axis=0)
     assert len(further) == 40
     uneven = suite_of(tmp_path, UNEVEN)
     with pytest.raises(InputError, match="makes more touches of the nominal sensor than are decl"):
