@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
@@ -117,8 +118,12 @@ class Run:
 
     def cell(self, scenario: str, method: str) -> pd.DataFrame:
         """Return the sample rows of one method on one scenario."""
-        of = (self.samples["scenario"] == scenario) & (self.samples["method"] == method)
-        return self.samples[of]
+        return self._by_cell.get((scenario, method), self.samples.iloc[:0])
+
+    @cached_property
+    def _by_cell(self) -> dict[tuple[str, str], pd.DataFrame]:
+        cells = self.samples.groupby(["scenario", "method"], sort=False)
+        return {(str(s), str(m)): cell for (s, m), cell in cells}
 
     def scene(self, scenario: str, samples: Sequence[int]) -> Scene:
         """Read what is known of a scenario, with the truth of the given samples.

@@ -16,6 +16,7 @@ from itertools import product
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run
@@ -105,39 +106,45 @@ def read_ladder(run: Run) -> Ladder | None:
     samples = run.samples[run.samples[FIGURE].notna()]
     methods = [str(method) for method in samples["method"].unique()]
     touches = samples.pivot_table(FIGURE, "sample", ["scenario", "method"], "first")
+    columns = {column: k for k, column in enumerate(touches.columns)}
+    table, numbers = touches.to_numpy(np.float64, na_value=np.nan), touches.index.to_numpy()
 
-    def together(cells: Sequence[tuple[str | None, str]]) -> pd.DataFrame | None:
-        """B (touches, cells) of several cells; None where one is missing or lacks other touches."""
-        if not set(cells) <= set(touches.columns):
+    def together(cells: Sequence[tuple[str | None, str]]) -> tuple[Array, NDArray[np.int64]] | None:
+        """B (touches, cells) of several cells, with the touches' numbers.
+
+        None where a cell is missing or lacks other touches.
+        """
+        if not all(cell in columns for cell in cells):
             return None
-        found = touches[list(cells)].dropna(how="all")
-        values = found.to_numpy(np.float64, na_value=np.nan)
-        return None if np.isnan(values).any() else pd.DataFrame(values, index=found.index)
+        values = table[:, [columns[cell] for cell in cells]]
+        there = ~np.isnan(values).all(axis=1)
+        found = values[there]
+        return None if np.isnan(found).any() else (found, numbers[there])
 
     def difference(scenario: str | None, other: str, method: str) -> Interval | None:
-        values = together([(scenario, method), (other, method)])
-        return None if values is None else _mean(values[0] - values[1])
+        found = together([(scenario, method), (other, method)])
+        return None if found is None else _mean(found[0][:, 0] - found[0][:, 1], found[1])
 
     steps = {
         (rung.name, method): Step(
-            value=_mean(values[0]),
+            value=_mean(found[0][:, 0], found[1]),
             loss=difference(ideal, rung.name, method),
             gain=difference(twins.get(rung.name), rung.name, method),
         )
         for rung in nominal
         for method in methods
-        if (values := together([(rung.name, method)])) is not None
+        if (found := together([(rung.name, method)])) is not None
     }
     severities = {s.name: s.imperfections.severity for s in curve}
     curves, areas = {}, {}
     for method, calibrated in product(methods if curve else (), (False, True)):
         names = [twins.get(s.name) if calibrated else s.name for s in curve]
-        values = together([(name, method) for name in names])
-        if values is not None:
-            curves[method, calibrated] = values.mean(axis=0).to_numpy()
+        found = together([(name, method) for name in names])
+        if found is not None:
+            curves[method, calibrated] = found[0].mean(axis=0)
             at = list(severities.values())
-            area = pd.Series(np.trapezoid(values, at, axis=1), index=values.index)
-            areas[method, calibrated] = _mean(area / (at[-1] - at[0]))
+            area = np.trapezoid(found[0], at, axis=1) / (at[-1] - at[0])
+            areas[method, calibrated] = _mean(area, found[1])
 
     def merit(method: str) -> float:
         if (method, False) in areas:
@@ -164,12 +171,12 @@ def _distances(samples: pd.DataFrame) -> dict[str, float]:
     return {str(rung): float(value) for rung, value in medians.items() if np.isfinite(value)}
 
 
-def _mean(values: pd.Series) -> Interval:
-    """Mean of values by touch, with its interval over sessions."""
-    sessions = values.index // TOUCHES
-    if sessions.nunique() < MIN_CLUSTERS:
+def _mean(values: Array, touches: NDArray[np.int64]) -> Interval:
+    """Mean of values (n,) of touches with these numbers (n,), with its interval over sessions."""
+    sessions = touches // TOUCHES
+    if len(np.unique(sessions)) < MIN_CLUSTERS:
         return Interval(float(values.mean()), np.nan, np.nan)
-    return bootstrap(values.to_numpy()[:, None], sessions)[0]
+    return bootstrap(values[:, None], sessions)[0]
 
 
 def _twin(scenario: Scenario, scenarios: Sequence[Scenario]) -> Scenario | None:
@@ -214,7 +221,7 @@ def _real(
 ) -> dict[tuple[str, str], Real]:
     if not scenarios:
         return {}
-    names = {*(scenario.name for scenario in scenarios), *twins.values()}
+    names = {name for s in scenarios for name in (s.name, twins.get(s.name))}
     shown = replace(run, samples=run.samples[run.samples["scenario"].isin(names)])
     rows = {(row["scenario"], row["method"]): row for row in leaderboard_rows([shown])}
     found = {}
