@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from eitbench.benchmark.analysis.results import read_run
 from eitbench.cli import app
 from eitbench.commands.board import VERSION
 from eitbench.scenarios.errors import InputError
@@ -38,6 +39,27 @@ def test_a_suite_is_run_and_recorded_and_its_cost_is_known_from_then_on(
     result = CliRunner().invoke(app, again, catch_exceptions=False)
     assert f"for 4 frames in version {VERSION}" in result.output
     assert (tmp_path / "board" / "2099.1" / "quick" / "manifest.json").is_file()
+
+
+@pytest.mark.slow
+def test_methods_that_are_added_are_run_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(suites, "load_suite", lambda name: SUITE)
+    first = board(tmp_path / "first", "quick")
+    with pytest.raises(InputError, match="leave --methods and --scenarios out"):
+        CliRunner().invoke(app, [*first, "--methods", "greit"], catch_exceptions=False)
+    CliRunner().invoke(app, first, catch_exceptions=False)
+    more = SUITE.model_copy(update={"methods": ("noser", "greit")})
+    monkeypatch.setattr(suites, "load_suite", lambda name: more)
+    records = str(tmp_path / "first" / "board")
+    again = ["board", "quick", "--runs", str(tmp_path / "more"), "--records", records]
+    again += ["--version", "2099.1", "--methods", "greit"]
+    result = CliRunner().invoke(app, again, catch_exceptions=False)
+    assert "1 method kept all figures to the last bit" in result.output
+    assert set(read_run(tmp_path / "more" / "quick").cells["method"]) == {"greit"}
+    grown = read_run(tmp_path / "first" / "board" / "2099.1" / "quick")
+    assert list(grown.cells["method"]) == ["noser", "greit"]
 
 
 @pytest.mark.parametrize("version", ["", "../../out", "2026", "v1"])

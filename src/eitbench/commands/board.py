@@ -25,9 +25,9 @@ def board(
         typer.Option(metavar="A,B", help="Run these alone; all others are as last recorded."),
     ] = None,
     scenarios: Annotated[
-        str,
+        str | None,
         typer.Option(metavar="X,Y", help="On these alone; on others they are as last recorded."),
-    ] = "",
+    ] = None,
     version: Version = VERSION,
     records: Records = RECORDS,
     jobs: Annotated[int, typer.Option(min=1, help="Cells (scenario x method) at a time.")] = 1,
