@@ -106,7 +106,9 @@ def read_ladder(run: Run) -> Ladder | None:
     samples = run.samples[run.samples[FIGURE].notna()]
     methods = [str(method) for method in samples["method"].unique()]
     touches = samples.pivot_table(FIGURE, "sample", ["scenario", "method"], "first")
-    columns = {column: k for k, column in enumerate(touches.columns)}
+    columns: dict[tuple[str | None, str], int] = {
+        (str(scenario), str(method)): k for k, (scenario, method) in enumerate(touches.columns)
+    }
     table, numbers = touches.to_numpy(np.float64, na_value=np.nan), touches.index.to_numpy()
 
     def together(cells: Sequence[tuple[str | None, str]]) -> tuple[Array, NDArray[np.int64]] | None:
@@ -143,8 +145,8 @@ def read_ladder(run: Run) -> Ladder | None:
         if found is not None:
             curves[method, calibrated] = found[0].mean(axis=0)
             at = list(severities.values())
-            area = np.trapezoid(found[0], at, axis=1) / (at[-1] - at[0])
-            areas[method, calibrated] = _mean(area, found[1])
+            area = np.asarray(np.trapezoid(found[0], at, axis=1))
+            areas[method, calibrated] = _mean(area / (at[-1] - at[0]), found[1])
 
     def merit(method: str) -> float:
         if (method, False) in areas:
