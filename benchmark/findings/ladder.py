@@ -107,7 +107,7 @@ def read_ladder(run: Run) -> Ladder | None:
     methods = [str(method) for method in samples["method"].unique()]
     touches = samples.pivot_table(FIGURE, "sample", ["scenario", "method"], "first")
     columns: dict[tuple[str | None, str], int] = {
-        (str(scenario), str(method)): k for k, (scenario, method) in enumerate(touches.columns)
+        (str(column[0]), str(column[1])): k for k, column in enumerate(touches.columns)
     }
     table, numbers = touches.to_numpy(np.float64, na_value=np.nan), touches.index.to_numpy()
 

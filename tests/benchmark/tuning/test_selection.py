@@ -17,6 +17,7 @@ from eitbench.benchmark.tuning.selection import (
 )
 from eitbench.methods import methods
 from eitbench.methods.classical.linearisation import GAINS
+from eitbench.methods.registry import place_methods
 from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import load_suite, suites
@@ -124,6 +125,18 @@ def test_packaged_choices_record_their_rule_what_they_cost_and_every_trial() -> 
             assert (
                 spent["trials"] == len(trials) <= kept["budget"]["trials"] == TuningBudget().trials
             )
+
+
+def test_methods_were_tuned_alike_on_the_same_data() -> None:
+    """No method was denied a parameter that another one could choose there."""
+    known: dict[str, type] = {**methods(), **place_methods()}
+    for file in sorted(PACKAGED.glob("*.json")):
+        chosen = json.loads(file.read_text())["choices"]
+        searched = {name: set(of["parameters"]) for name, of in chosen.items()}
+        for key in GAINS:
+            has = [name for name in chosen if key in getattr(known[name], "search", {})]
+            with_it = [name for name in has if key in searched[name]]
+            assert with_it in ([], has), f"{file.name}: {key} was searched for {with_it} alone"
 
 
 def test_a_damaged_file_of_choices_is_named_and_not_used(
