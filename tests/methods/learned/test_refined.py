@@ -187,6 +187,14 @@ def test_a_second_step_starts_from_the_image_of_the_first() -> None:
     assert second.train_s > first.train_s + 100
 
 
+def test_what_the_first_image_was_learned_from_was_learned_from_too() -> None:
+    data = load("paper", split="validation", limit=1)
+    method = create("learned-gn-large")
+    method.fit(Problem(data.sensor, data.references[0], no_split))
+    assert method.trained_on["train_samples"] == "240000"
+    assert method.trained_on["unlimited"] == "1"
+
+
 def test_a_second_step_needs_the_weights_of_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     foam16 = sensor("foam16")
     assert not SecondGaussNewton.unusable(foam16)
