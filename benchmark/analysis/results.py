@@ -381,7 +381,7 @@ def code_of(run: Run, name: str) -> str:
         module = module or next(own, None)
     if module is None:
         return "an installed package"
-    added = run.manifest.get(manifest.ADDED, ())
+    added = reversed(run.manifest.get(manifest.ADDED, []))
     of_name = (of for of in added if any(cell.endswith(f"/{name}") for cell in of["cells"]))
     about = next(of_name, run.manifest)
     version = about.get("versions", {}).get("eitbench") or ""

@@ -148,6 +148,16 @@ class _Plan(_Part):
     plugins: list[_Plugin] = []
 
 
+class _Added(_Part):
+    """A run that a record took later cells from."""
+
+    cells: list[_Line]
+    same_bits: bool = True
+    machine: dict[str, _Line | int | float | None] = {}
+    versions: dict[str, _Line | None] = {}
+    git_commit: _Line | None = None
+
+
 class _Manifest(_Part):
     """Values that results are shown from."""
 
@@ -162,6 +172,7 @@ class _Manifest(_Part):
     started: _Line | None = None
     git_commit: _Line | None = None
     hidden: _Line | None = None
+    added: list[_Added] = []
 
 
 def read(run: Path) -> Manifest:
@@ -193,6 +204,13 @@ def first_problem(error: ValidationError) -> tuple[str, str]:
     """Place and reason of the first problem."""
     first = error.errors(include_url=False)[0]
     return ".".join(map(str, first["loc"])), first["msg"]
+
+
+def origin(manifest: Manifest, scenario: str, name: str) -> Manifest:
+    """What a manifest says of the run that a cell is from: itself, or an entry of `ADDED`."""
+    added = manifest.get(ADDED, ())
+    cell = f"{scenario}/{name}"
+    return next((of for of in reversed(added) if cell in of["cells"]), manifest)
 
 
 def samples_of(manifest: Manifest) -> dict[str, int]:

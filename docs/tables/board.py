@@ -10,6 +10,7 @@ from docs.tables.record import BOARD, printed, recorded
 from rich.console import Console
 
 from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.rundir.manifest import ADDED
 from eitbench.benchmark.submissions.hidden import read_hidden
 from eitbench.reports.board.changes import version_key
 from eitbench.reports.board.records import spent_s
@@ -50,10 +51,12 @@ def _records() -> str:
             size = sum(file.stat().st_size for file in path.parent.iterdir()) / 1e6
             whole += frames, minutes, size
             methods = run.cells[run.kind.name].nunique()
+            made = [run.manifest, *run.manifest.get(ADDED, [])]
             rows.append([
                 version.name, f"`{path.parent.name}`", str(methods), f"{frames:,}",
                 f"{minutes:.1f}", _minutes(run.manifest), _timed(run.cells), f"{size:.1f}",
-                str(run.manifest["started"])[:10], _commit(str(run.manifest["git_commit"])),
+                ", ".join(dict.fromkeys(str(of["started"])[:10] for of in made)),
+                ", ".join(dict.fromkeys(_commit(str(of["git_commit"])) for of in made)),
             ])  # fmt: skip
         frames, minutes, size = whole
         total = [f"{frames:,.0f}", f"{minutes:.1f}", "", "", f"{size:.1f}"]

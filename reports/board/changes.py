@@ -40,8 +40,8 @@ class Changes:
 
     Attributes:
         older: the version of the older one.
-        exact: the same kind of machine made both, so that figures are compared to the last bit;
-            else they may differ by `SAME`, the rounding of another processor.
+        exact: the same kind of machine made all of both, so that figures are compared to the last
+            bit; cells of different machines may differ by `SAME`, the rounding of processors.
         kept: the methods all of whose figures are the same.
         changed: of each other method that is in both, what changed, in words.
         unlike: scenarios whose data are others, which are not compared.
@@ -61,30 +61,34 @@ def changes(older: Path, newer: Path) -> Changes:
         InputError, DataCorruptError: one of them is no run, or damaged.
     """
     before, after = read_run(older), read_run(newer)
-    exact = _machine(before) == _machine(after)
-    allowed = 0.0 if exact else SAME
     data = [run.manifest.get("data") or {} for run in (before, after)]
     both = [name for name in after.scenarios() if name in data[0] and name in data[1]]
     same = [name for name in both if data[0][name]["hash"] == data[1][name]["hash"]]
     figures = [name for name in _figures(after) if name in before.samples]
-    sums = [_checksums_of(run) if exact else {} for run in (before, after)]
+    sums = [_checksums_of(run) for run in (before, after)]
     differing: dict[str, list[str]] = {}
+    alike: list[bool] = []
     for scenario in same:
         tables = [_by_method(run, scenario) for run in (before, after)]
         for method in tables[0].keys() & tables[1].keys():
             one, other = (rounded(table[method][figures].to_numpy(float)) for table in tables)
             differing.setdefault(method, [])
+            machines = [_machine(run, scenario, method) for run in (before, after)]
+            alike.append(exact := machines[0] == machines[1])
+            allowed = 0.0 if exact else SAME
             if one.shape != other.shape:
                 differing[method].append(f"{len(one)} samples became {len(other)} ({scenario})")
             else:
                 equal = np.isclose(one, other, rtol=allowed, atol=allowed, equal_nan=True)
                 if n := int((~equal.all(axis=1)).sum()):
                     differing[method].append(f"{n} of {len(one)} samples of {scenario}")
-                elif unlike := _unlike(*(of.get((scenario, method), {}) for of in sums)):
+                elif exact and (
+                    unlike := _unlike(*(of.get((scenario, method), {}) for of in sums))
+                ):
                     differing[method].append(f"the last bits of {unlike[0]} on {scenario}")
     return Changes(
         older=older.parent.name,
-        exact=exact,
+        exact=all(alike),
         kept=sorted(name for name, says in differing.items() if not says),
         changed={name: ", ".join(says) for name, says in sorted(differing.items()) if says},
         unlike=[name for name in both if name not in same],
@@ -168,9 +172,9 @@ def in_words(found: Changes, why: Mapping[str, str]) -> list[str]:
     return said
 
 
-def _machine(run: Run) -> Any:
-    """What decides the last bits of figures: the processor and the libraries."""
-    told = run.manifest
+def _machine(run: Run, scenario: str, name: str) -> Any:
+    """What decides the last bits of a cell's figures: the processor and the libraries."""
+    told = manifest.origin(run.manifest, scenario, name)
     versions = {k: v for k, v in (told.get("versions") or {}).items() if k != "eitbench"}
     return (told.get("machine") or {}).get("cpu"), versions
 

@@ -1,8 +1,8 @@
-"""Methods that come after a record was made: their rows, beside those that it has.
+"""Cells that are run after a record was made: their rows, beside those that it has.
 
-A record stays what it is. A newer one takes the rows of the methods that nobody ran again, with
-their images and checksums, as they stand in the older one; its manifest is that of the older one,
-and names under `ADDED` the runs that further rows are from.
+A record stays what it is. A newer one takes the rows of what nobody ran again, with images and
+checksums, as they stand in the older one; its manifest is that of the older one, and names under
+`ADDED` the runs that later rows are from.
 """
 
 from __future__ import annotations
@@ -11,45 +11,89 @@ import pandas as pd
 
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.results import Run
-from eitbench.benchmark.rundir.manifest import ADDED, Manifest
+from eitbench.benchmark.rundir.manifest import ADDED, Manifest, suite_of
+from eitbench.benchmark.tuning.selection import selected_parameters
+from eitbench.scenarios.suites.suite import Suite
 
 _OF_A_RUN = (
     *("started", "finished", "resumed", "versions", "machine", "git_commit"),
-    *("calibration_ms", "jobs"),
+    *("calibration_ms", "jobs", "command_line"),
 )
 """What a manifest says of how a run was made."""
 
 
-def on_frames_of(kept: Run, about: Manifest, samples: pd.DataFrame) -> pd.DataFrame:
-    """The `samples` of a run with the manifest `about`, with the hashes of frames of a record.
-
-    On another kind of processor the same frames differ in their last bits, and so their hashes:
-    those of the record name its frames, and `same_bits` says whether they are these to the last.
+def check_joins(kept: Run, run: Run, suite: Suite) -> None:
+    """Check that the rows of a record and those of a run can stand beside each other in `suite`.
 
     Raises:
-        InputError: they are other frames, by what is declared of them.
+        InputError: a scenario has other frames in the record, or is new and not run; or something
+            that was to be run again was left out.
+    """
+    declared = {scenario.name: scenario for scenario in suite_of(kept.manifest).scenarios}
+    for scenario in suite.scenarios:
+        name = scenario.name
+        if name not in run.manifest["plan"]["scenarios"]:
+            same = declared.get(name) == scenario
+        else:
+            hashes = [of.manifest["data"].get(name, {}).get("hash") for of in (run, kept)]
+            same = hashes[1] is None or hashes[0] == hashes[1]
+        if not same:
+            raise InputError(
+                f"The frames of {name!r} are others than in {kept.path}: run it with all methods."
+            )
+    there = {_name(cell) for cell in kept.manifest["cells"]}
+    for cell, why in run.manifest["skipped"].items():
+        if cell in there:
+            raise InputError(f"{cell} was to be run again, and was left out: {why}")
+
+
+def outdated(record: Manifest) -> list[str]:
+    """The cells of a record with other parameters than are chosen now, as SCENARIO/METHOD."""
+    suite = suite_of(record)
+    if suite.ranks != "methods":  # what says places is tuned by nobody
+        return []
+    familiar = {scenario.name: suite.familiar(scenario) for scenario in suite.scenarios}
+    return [
+        _name(cell)
+        for cell in record["cells"]
+        if cell["track"] in ("tuned", "calibrated")
+        and (selected_parameters(familiar[cell["scenario"]], cell["name"]) or {})
+        != cell["parameters"]
+    ]
+
+
+def on_frames_of(kept: Run, samples: pd.DataFrame) -> pd.DataFrame:
+    """The `samples` of a run with the hashes of frames that a record has.
+
+    On another kind of processor the same frames differ in their last bits, and so their hashes:
+    those of the record name its frames.
+
+    Raises:
+        InputError: the record lacks some of the frames.
     """
     frames = ["scenario", "sample"]
     known = kept.samples.drop_duplicates(frames).set_index(frames)["input_hash"]
-    for scenario, rows in samples.groupby("scenario", sort=False):
-        declared = [of["data"].get(scenario, {}).get("hash") for of in (about, kept.manifest)]
-        if declared[0] != declared[1]:
-            raise InputError(
-                f"The frames of {scenario!r} are others than in {kept.path}: run the whole suite."
-            )
-        assert set(rows["sample"]) <= set(known[scenario].index)
-    return samples.assign(input_hash=known.loc[pd.MultiIndex.from_frame(samples[frames])].array)
+    index = pd.MultiIndex.from_frame(samples[frames])
+    new = ~samples["scenario"].isin(kept.scenarios())
+    if not (index.isin(known.index) | new).all():
+        raise InputError(f"{kept.path} lacks frames of this run: run the whole suite.")
+    named = known.reindex(index).array
+    return samples.assign(input_hash=samples["input_hash"].where(new, named))
 
 
-def joined(kept: Run, older: pd.DataFrame | None, newer: pd.DataFrame) -> pd.DataFrame:
+def joined(kept: Run, suite: Suite, older: pd.DataFrame, newer: pd.DataFrame) -> pd.DataFrame:
     """Rows of a table of a record that are not run again, and the newer ones, by scenario."""
-    if older is None:
+    order = {scenario.name: k for k, scenario in enumerate(suite.scenarios)}
+    tables = [table for table in (older, newer) if not table.empty]
+    if not tables:
         return newer
+    table = pd.concat(tables, ignore_index=True)
     cell = ["scenario", kept.kind.name]
-    ran = pd.MultiIndex.from_frame(newer[cell].drop_duplicates())
-    again = pd.MultiIndex.from_frame(older[cell]).isin(ran)
-    table = pd.concat([older[~again], newer], ignore_index=True)
-    order = {name: k for k, name in enumerate(kept.manifest["data"])}
+    if not older.empty and not newer.empty:
+        ran = pd.MultiIndex.from_frame(newer[cell].drop_duplicates())
+        again = pd.MultiIndex.from_frame(table[cell]).isin(ran)
+        table = table[~again | (table.index >= len(older))]
+    table = table[table["scenario"].isin(list(order))]
     return table.sort_values("scenario", key=lambda c: c.map(order), kind="stable")
 
 
@@ -58,17 +102,29 @@ def joined_manifest(kept: Manifest, about: Manifest, same_bits: bool) -> Manifes
 
     `same_bits` is true if the frames of both are the same to the last bit.
     """
-    ran = [f"{cell['scenario']}/{cell['name']}" for cell in about["cells"]]
+    suite = suite_of(about)
+    scenarios = [scenario.name for scenario in suite.scenarios]
+    ran = [_name(cell) for cell in about["cells"]]
+
+    def stays(cell: str) -> bool:
+        return cell not in ran and cell.split("/")[0] in scenarios
+
     before = [
-        of | {"cells": [cell for cell in of["cells"] if cell not in ran]}
-        for of in kept.get(ADDED, [])
+        of | {"cells": [cell for cell in of["cells"] if stays(cell)]} for of in kept.get(ADDED, [])
     ]
     run = {name: about[name] for name in _OF_A_RUN} | {"cells": ran, "same_bits": same_bits}
     names = dict.fromkeys([*kept["plan"]["names"], *about["plan"]["names"]])
-    taken = [cell for cell in kept["cells"] if f"{cell['scenario']}/{cell['name']}" not in ran]
+    chosen = {"suite": about["plan"]["suite"], "names": list(names), "scenarios": scenarios}
+    data = kept["data"] | {k: v for k, v in about["data"].items() if k not in kept["data"]}
     return kept | {
-        "plan": kept["plan"] | {"suite": about["plan"]["suite"], "names": list(names)},
-        "cells": [*taken, *about["cells"]],
-        "skipped": {k: v for k, v in kept["skipped"].items() if k not in ran} | about["skipped"],
+        "plan": kept["plan"] | chosen,
+        "data": {name: data[name] for name in scenarios if name in data},
+        "cells": [*(cell for cell in kept["cells"] if stays(_name(cell))), *about["cells"]],
+        "skipped": {k: v for k, v in kept["skipped"].items() if stays(k)} | about["skipped"],
+        "refused": {k: v for k, v in kept["refused"].items() if stays(k)} | about["refused"],
         ADDED: [*(of for of in before if of["cells"]), run],
     }
+
+
+def _name(cell: Manifest) -> str:
+    return f"{cell['scenario']}/{cell['name']}"

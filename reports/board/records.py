@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
@@ -31,9 +32,17 @@ from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.reports.board.changes import checksums, version_key
-from eitbench.reports.board.further_methods import joined, joined_manifest, on_frames_of
+from eitbench.reports.board.further_methods import (
+    check_joins,
+    joined,
+    joined_manifest,
+    on_frames_of,
+)
 from eitbench.reports.figures.cases import case_samples
 from eitbench.reports.page.images import shown_samples
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 SUMS = "SHA256SUMS"
 """Of all records of a version: shows that nobody changed them, with `sha256sum -c SHA256SUMS`."""
@@ -67,33 +76,38 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
     """
     check_new(out)
     run, kept = read_run(run_path), None if older is None else read_run(older)
-    if lacking := _lacking(run, kept):
-        raise InputError(f"{run_path} is no whole run: {lacking}.")
     write_notes(run_path)
     cells = _without_busy_times(run, out).assign(checksums=checksums(run))
     # All methods repeat the hashes of frames.
     samples = with_short_hashes(run.samples)
+    notes, seen, found = read_run(run_path).notes, seen_table(run), alarms(run)
     content = _without_paths(run.manifest) | {"images": SHOWN}
-    seen, found = seen_table(run), alarms(run)
     if kept is not None:
-        named = on_frames_of(kept, run.manifest, samples)
+        suite = manifest.suite_of(run.manifest)
+        check_joins(kept, run, suite)
+        named, notes = on_frames_of(kept, samples), kept.notes | notes
         same_bits = bool((named["input_hash"] == samples["input_hash"]).all())
-        cells, samples = joined(kept, kept.cells, cells), joined(kept, kept.samples, named)
-        seen = None if seen is None else joined(kept, seen_table(kept), seen)
-        found = found if found.empty else joined(kept, alarms(kept), found)
+        samples = joined(kept, suite, kept.samples, named)
+        cells = joined(kept, suite, kept.cells, cells)
+        seen = joined(
+            kept, suite, *(pd.DataFrame() if of is None else of for of in (seen_table(kept), seen))
+        )
+        found = joined(kept, suite, alarms(kept), found)
         content = joined_manifest(kept.manifest, content, same_bits)
+    if lacking := _lacking(run, content, cells):
+        raise InputError(f"{run_path} is no whole run: {lacking}.")
     staged = out.with_name(f".{out.name}.part")
     shutil.rmtree(staged, ignore_errors=True)
     staged.mkdir(parents=True)
-    if (run_path / NOTES_FILE).is_file():
-        shutil.copyfile(run_path / NOTES_FILE, staged / NOTES_FILE)
+    if notes:
+        atomic_write(staged / NOTES_FILE, json.dumps(notes, indent=1).encode())
     cells.to_parquet(staged / run.kind.table, index=False)
     _write_rounded(samples, staged / SAMPLES)
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     atomic_write(staged / manifest.FILE_NAME, text.encode())
     if run.kind is METHOD_RUNS:  # operators have no images
         _write_images(run, kept, staged / run.kind.arrays)
-        if seen is not None:
+        if seen is not None and not seen.empty:
             _write_rounded(seen, staged / SEEN_FILE)
         if not found.empty:
             found.to_parquet(staged / ALARMS_FILE, index=False)
@@ -176,8 +190,8 @@ def check_new(out: Path) -> None:
         )
 
 
-def _lacking(run: Run, kept: Run | None) -> str:
-    """What a run lacks of its suite, `kept` rows included, as a part of a sentence; or ""."""
+def _lacking(run: Run, content: manifest.Manifest, cells: pd.DataFrame) -> str:
+    """What a record with these `cells` lacks of its suite, as a part of a sentence; or ""."""
     suite = manifest.suite_of(run.manifest)
     if run.manifest.get("hidden"):
         return "it holds frames of a hidden set, of which only figures are published"
@@ -185,15 +199,14 @@ def _lacking(run: Run, kept: Run | None) -> str:
         return "it is a record itself, with images of few samples"
     if run.manifest.get("plan", {}).get("limit") != suite.limit:
         return "it was limited to some test samples"
-    runs = [of for of in (kept, run) if of is not None]
-    there = {name for of in runs for name in of.scenarios()}
-    if missing := [s.name for s in suite.scenarios if s.name not in there]:
-        return f"it lacks the scenario {missing[0]!r}"
-    ran = {name for of in runs for name in of.cells[of.kind.name]}
-    left_out = {cell for of in runs for cell in of.manifest.get("skipped", {})}
-    for name in suite.names:
-        if name not in ran and not any(cell.endswith(f"/{name}") for cell in left_out):
-            return f"it lacks the {run.kind.name} {name!r}"
+    left_out = {**content["skipped"], **content["refused"]}
+    ran = set(zip(cells["scenario"], cells[run.kind.name], strict=True))
+    for scenario in (s.name for s in suite.scenarios):
+        if scenario not in set(cells["scenario"]):
+            return f"it lacks the scenario {scenario!r}"
+        for name in suite.names:
+            if (scenario, name) not in ran and f"{scenario}/{name}" not in left_out:
+                return f"it lacks the {run.kind.name} {name!r} on {scenario!r}"
     return ""
 
 
@@ -248,18 +261,25 @@ def _write_group(group: h5py.Group, shown: set[int], out: h5py.Group, step: floa
             stored.attrs["step"] = step
 
 
-def cost(suite: str, records: Path) -> str:
-    """What a whole run of a `suite` cost when it was last recorded in `records`, as a sentence."""
+def cost(suite: str, records: Path, names: Sequence[str] = ()) -> str:
+    """What a run of a `suite` cost when it was last recorded in `records`, as a sentence.
+
+    It is of all its methods, or of those with `names`.
+    """
     found = list(records.glob(f"2*/{suite}/{manifest.FILE_NAME}"))
     if not found:
         return f"What {suite!r} costs is not known: no version has a record of it."
     newest = max(found, key=lambda path: version_key(path.parents[1].name))
     run = read_run(newest.parent)
     size = sum(path.stat().st_size for path in run.path.iterdir()) / 1e6
-    slowest = spent_s(run).idxmax()
+    spent = spent_s(run).reindex(list(names) or run.cells[run.kind.name].unique()).dropna()
+    if spent.empty:
+        return f"What {', '.join(names)} costs on {suite!r} is not known: no version has it."
+    slowest = spent.idxmax()
     frames = pd.Series({name: run.n(name) for name in run.scenarios()}).sum()
     return (
-        f"{suite!r} took its {run.kind.name}s {spent_s(run).sum() / 60:.1f} minutes on one core "
+        f"{suite!r} took {', '.join(names) or f'its {run.kind.name}s'} {spent.sum() / 60:.1f} "
+        f"minutes on one core "
         f"for {frames:,} frames in version {newest.parents[1].name}, most of it {slowest!r}; its "
         f"record has {size:.1f} MB."
     )

@@ -54,18 +54,16 @@ def packed_images(
         DataCorruptError: the images of a run cannot be read.
     """
     cells = {label: run.cell(scenario, name) for label, (run, name) in methods.items()}
+    if not (first := next(iter(methods.values()))[0]).whole:  # a record has images of few samples
+        there = first.scene(scenario, range(first.n(scenario))).sample.tolist()
+        cells = {label: cell[cell["sample"].isin(there)] for label, cell in cells.items()}
     table, cases = _together(cells, by)
     if not cases:
         return None
     names = list(dict.fromkeys(case["family"] for case in cases))
     cases = _shown(cases, families)
     samples = sorted({case["sample"] for case in cases})
-    scene = next(iter(methods.values()))[0].scene(scenario, samples)
-    # A record may have been made when others were shown.
-    samples = scene.sample.tolist()
-    cases = [case for case in cases if case["sample"] in samples]
-    if not cases:
-        return None
+    scene = first.scene(scenario, samples)
     stacks: dict[str, NDArray[np.float64]] = {}
     if scene.truth is not None and not scene.has_classes:
         stacks[TRUTH] = scene.truth

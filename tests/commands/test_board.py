@@ -48,7 +48,7 @@ def test_methods_that_are_added_are_run_alone(
     monkeypatch.setattr(suites, "load_suite", lambda name: SUITE)
     first = board(tmp_path / "first", "quick")
     with pytest.raises(InputError, match="leave --methods and --scenarios out"):
-        CliRunner().invoke(app, [*first, "--methods", "greit"], catch_exceptions=False)
+        CliRunner().invoke(app, [*first, "--methods", "noser"], catch_exceptions=False)
     CliRunner().invoke(app, first, catch_exceptions=False)
     more = SUITE.model_copy(update={"methods": ("noser", "greit")})
     monkeypatch.setattr(suites, "load_suite", lambda name: more)
@@ -57,6 +57,13 @@ def test_methods_that_are_added_are_run_alone(
     again += ["--version", "2099.1", "--methods", "greit"]
     result = CliRunner().invoke(app, again, catch_exceptions=False)
     assert "1 method kept all figures to the last bit" in result.output
+    other = [*again[:-1], "noser", "--version", "2099.2"]
+    with pytest.raises(InputError, match="holds a run of greit on n: name another folder for --r"):
+        CliRunner().invoke(app, other, catch_exceptions=False)
+    with pytest.raises(InputError, match="Unknown method of suite 'quick': 'tikhonov'"):
+        CliRunner().invoke(
+            app, [*again[:-1], "tikhonov", "--version", "2099.2"], catch_exceptions=False
+        )
     assert set(read_run(tmp_path / "more" / "quick").cells["method"]) == {"greit"}
     grown = read_run(tmp_path / "first" / "board" / "2099.1" / "quick")
     assert list(grown.cells["method"]) == ["noser", "greit"]

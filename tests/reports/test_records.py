@@ -23,6 +23,7 @@ from eitbench.benchmark.rundir.few_bytes import DIGITS, FRAME_DIGITS
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
 from eitbench.commands.results import app as results
 from eitbench.reports.board.changes import REASONS, changes, last_before, reasons
+from eitbench.reports.board.further_methods import outdated
 from eitbench.reports.board.records import SPEEDS, STEPS, SUMS, cost, sums_of, write_record
 from eitbench.reports.page.images import shown_samples
 from eitbench.reports.page.report_data import report_data
@@ -413,11 +414,60 @@ def test_a_scenario_that_is_run_again_leaves_the_others_as_they_were(tmp_path: P
         assert np.array_equal(one, other) == (scenario == "n")
 
 
+def test_rows_of_a_scenario_that_changed_are_not_taken(tmp_path: Path) -> None:
+    """Nor are scenarios and methods that the suite has no more."""
+    second = SCENARIO.model_copy(update={"name": "m", "test": 6})
+    suite = SUITE.model_copy(update={"scenarios": (SCENARIO, second)})
+    made = start_run(make_plan(suite), tmp_path / "whole").path
+    before = write_record(made, tmp_path / "2026.1" / "mine")
+    noisier = second.model_copy(update={"noise": SplitNoise(test=30.0)})
+    changed = suite.model_copy(update={"scenarios": (SCENARIO, noisier)})
+    part = start_run(make_plan(changed, methods=("greit",), scenarios=("n",)), tmp_path / "n").path
+    with pytest.raises(InputError, match=r"frames of 'm' are others than in .*: run it with all"):
+        write_record(part, tmp_path / "2026.2" / "mine", before)
+    new = second.model_copy(update={"name": "k"})
+    other = suite.model_copy(update={"scenarios": (SCENARIO, new)})
+    part = start_run(make_plan(other, methods=("greit",), scenarios=("k",)), tmp_path / "k").path
+    with pytest.raises(InputError, match="it lacks the method 'noser' on 'k'"):
+        write_record(part, tmp_path / "2026.2" / "mine", before)
+    alone = start_run(make_plan(SUITE, methods=("greit",)), tmp_path / "alone").path
+    kept = read_run(write_record(alone, tmp_path / "2026.2" / "mine", before))
+    assert set(kept.cells["scenario"]) == {"n"}
+    assert list(kept.manifest["data"]) == ["n"]
+
+
+def test_cells_of_another_machine_are_compared_to_its_rounding(
+    run: Path, record: Path, tmp_path: Path
+) -> None:
+    part = start_run(make_plan(SUITE, methods=("greit",)), tmp_path / "part").path
+    with edited_manifest(part) as content:
+        content["machine"]["cpu"] = "another"
+    samples = pd.read_parquet(part / "samples.parquet")
+    samples["psnr"] *= 1 + 1e-12
+    samples.to_parquet(part / "samples.parquet")
+    newer = write_record(part, tmp_path / "2026.2" / "mine", record)
+    found = changes(record, newer)
+    assert (found.kept, found.changed, found.exact) == (["greit", "noser"], {}, False)
+
+
+def test_notes_of_scenarios_that_are_not_run_again_are_kept(record: Path, tmp_path: Path) -> None:
+    noted = Path(shutil.copytree(record, tmp_path / "2026.1" / "mine"))
+    (noted / "recordings.json").write_text(json.dumps({"elsewhere": {"repeat_noise": 0.5}}))
+    part = start_run(make_plan(SUITE, methods=("greit",)), tmp_path / "part").path
+    newer = read_run(write_record(part, tmp_path / "2026.2" / "mine", noted))
+    assert newer.notes == {"elsewhere": {"repeat_noise": 0.5}}
+
+
+def test_the_leaderboard_is_of_the_parameters_that_are_chosen_now() -> None:
+    for record in sorted((BOARD / "2026.2").glob("*/manifest.json")):
+        assert outdated(json.loads(record.read_text())) == [], record.parent.name
+
+
 def test_methods_on_other_frames_do_not_stand_beside_a_record(record: Path, tmp_path: Path) -> None:
     noisier = SCENARIO.model_copy(update={"noise": SplitNoise(test=30.0)})
     suite = SUITE.model_copy(update={"scenarios": (noisier,)})
     part = start_run(make_plan(suite, methods=("greit",)), tmp_path / "part").path
-    with pytest.raises(InputError, match=r"frames of .n. are others than in .*: run the whole"):
+    with pytest.raises(InputError, match=r"frames of 'n' are others than in .*: run it with all"):
         write_record(part, tmp_path / "2026.2" / "mine", record)
     assert not (tmp_path / "2026.2").exists()
 

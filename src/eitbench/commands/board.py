@@ -22,11 +22,15 @@ def board(
     ],
     methods: Annotated[
         str | None,
-        typer.Option(metavar="A,B", help="Run these alone; all others are as last recorded."),
+        typer.Option(
+            metavar="A,B", help="Run these alone; the others are taken from the last version."
+        ),
     ] = None,
     scenarios: Annotated[
         str | None,
-        typer.Option(metavar="X,Y", help="On these alone; on others they are as last recorded."),
+        typer.Option(
+            metavar="X,Y", help="Run these alone; the others are taken from the last version."
+        ),
     ] = None,
     version: Version = VERSION,
     records: Records = RECORDS,
@@ -52,26 +56,45 @@ def board(
     declared, out, run = load_suite(suite), records / version / suite, runs / suite
     check_new(out)
     older = last_before(out)
-    part = bool(methods or scenarios)
+    asked, on = names_in("--methods", methods), names_in("--scenarios", scenarios)
+    every = [scenario.name for scenario in declared.scenarios]
+    for what, chosen, known in (("method", asked, declared.names), ("scenario", on, every)):
+        for name in chosen:
+            if name not in known:
+                raise unknown_name(f"{what} of suite {suite!r}:", name, known)
+    part = bool(asked or on)
     if part and older is None:
         raise InputError(
             f"No version before {version} has a record of {suite!r} to take the other rows from: "
             "leave --methods and --scenarios out."
         )
-    typer.echo(cost(suite, records))
+    typer.echo(cost(suite, records, asked))
     progress = RunProgress()
     begun = (run / manifest.FILE_NAME).is_file()
-    if begun and manifest.read(run)["plan"]["suite"]["name"] != suite:
-        raise InputError(f"{run} holds a run of another suite: name another folder with --runs.")
-    if not begun and run.exists() and not (run.is_dir() and not any(run.iterdir())):
-        raise InputError(f"{run} holds something that is no run: name another folder with --runs.")
+    if begun:
+        held = manifest.read(run)["plan"]
+        if held["suite"]["name"] != suite:
+            raise InputError(f"{run} holds a run of another suite: name another folder for --runs.")
+        whole = len(held["names"]) == len(manifest.suite_of(manifest.read(run)).names)
+        same = (sorted(held["names"]), sorted(held["scenarios"])) == (
+            sorted(asked or declared.names), sorted(on or every)
+        )  # fmt: skip
+        if not same and (part or not whole):
+            raise InputError(
+                f"{run} holds a run of {', '.join(held['names'])} on {', '.join(held['scenarios'])}"
+                ": name another folder for --runs."
+            )
+    elif run.exists() and not (run.is_dir() and not any(run.iterdir())):
+        raise InputError(f"{run} holds something that is no run: name another folder for --runs.")
     if begun:
         result = resume_run(run, suite=declared, jobs=jobs, progress=progress)
     else:
+        operators = declared.ranks == "operators"
         plan = make_plan(
             declared,
-            methods=names_in("--methods", methods),
-            scenarios=names_in("--scenarios", scenarios),
+            methods=() if operators else asked,
+            operators=asked if operators else (),
+            scenarios=on,
         )
         result = start_run(plan, run, jobs=jobs, progress=progress)
     for sentence in (*result.skipped, *result.refused):
