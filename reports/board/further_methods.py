@@ -13,6 +13,7 @@ from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.rundir.manifest import ADDED, Manifest, suite_of
 from eitbench.benchmark.tuning.selection import selected_parameters
+from eitbench.methods import methods
 from eitbench.scenarios.suites.suite import Suite
 
 _OF_A_RUN = (
@@ -48,18 +49,26 @@ def check_joins(kept: Run, run: Run, suite: Suite) -> None:
 
 
 def outdated(record: Manifest) -> list[str]:
-    """The cells of a record with other parameters than are chosen now, as SCENARIO/METHOD."""
+    """The cells of a record with other parameters than are chosen now, as SCENARIO/METHOD.
+
+    What a choice does not name is as the method has it by default.
+    """
     suite = suite_of(record)
     if suite.ranks != "methods":  # what says places is tuned by nobody
         return []
     familiar = {scenario.name: suite.familiar(scenario) for scenario in suite.scenarios}
-    return [
-        _name(cell)
-        for cell in record["cells"]
-        if cell["track"] in ("tuned", "calibrated")
-        and (selected_parameters(familiar[cell["scenario"]], cell["name"]) or {})
-        != cell["parameters"]
-    ]
+    known, found = methods(), []
+    for cell in record["cells"]:
+        if cell["track"] in ("tuned", "calibrated") and cell["name"] in known:
+            then, default = cell["parameters"], known[cell["name"]]
+            now = selected_parameters(familiar[cell["scenario"]], cell["name"]) or {}
+            one, other = (
+                {name: of.get(name, getattr(default, name, None)) for name in {**then, **now}}
+                for of in (then, now)
+            )
+            if one != other:
+                found.append(_name(cell))
+    return found
 
 
 def on_frames_of(kept: Run, samples: pd.DataFrame) -> pd.DataFrame:

@@ -128,7 +128,7 @@ def test_packaged_choices_record_their_rule_what_they_cost_and_every_trial() -> 
 
 
 def test_methods_were_tuned_alike_on_the_same_data() -> None:
-    """No method was denied a parameter that another one could choose there."""
+    """No method of ours was denied a parameter that another one could choose there."""
     known: dict[str, type] = {**methods(), **place_methods()}
     for file in sorted(PACKAGED.glob("*.json")):
         chosen = json.loads(file.read_text())["choices"]
