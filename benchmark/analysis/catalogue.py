@@ -23,7 +23,8 @@ Recording = RecordedSet
 """The descriptor of a recorded set."""
 
 TRAINING = (
-    "scenario", "train_samples", "epochs", "seed", "device", "train_s", "command", "train_data"
+    "scenario", "train_samples", "unlimited", "epochs", "seed", "device", "train_s", "command",
+    "train_data",
 )  # fmt: skip
 """What is shown of the training behind packaged weights."""
 

@@ -182,9 +182,10 @@ class ContinuedMethod(RefinementMethod):
     ) -> None:
         """See `TrainedMethod`; what `first` learned from was learned from, too."""
         super().prepare(problem, tensors, metadata)
-        before = self._first.trained_on
+        before, unlimited = self._first.trained_on, self.trained_on["unlimited"]
         if int(before["train_samples"]) > int(self.trained_on["train_samples"]):
             self.trained_on = before
+        self.trained_on = {**self.trained_on, "unlimited": max(unlimited, before["unlimited"])}
 
     def to(self, device: str) -> None:
         """See `RefinementMethod`."""

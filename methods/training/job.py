@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
+import psutil
 import torch
 
 from eitbench import __version__
@@ -173,10 +175,22 @@ class TrainingJob:
             more: they may be more than the scenario declares.
 
         Raises:
-            InputError: too few for an epoch of more than a step.
+            InputError: too few for an epoch of more than a step, or too many.
         """
         limit, declared, least = self.request.limit, self.scenario.train, 2 * self.recipe.batch
-        count = declared if limit is None else limit if more else min(limit, declared)
+        count = declared if limit is None else limit
+        if count > declared and not more:
+            raise InputError(
+                f"Scenario {self.scenario.name!r} declares {declared} training samples, and this "
+                f"training takes no more: give a --limit up to {declared}, or none."
+            )
+        # Images are there twice for a moment, in float32.
+        size = 8 * count * math.prod(self.sensor.image_shape)
+        if size > psutil.virtual_memory().total:
+            raise InputError(
+                f"{count} training samples take {size / 1e9:.0f} GB of memory, more than there is: "
+                "give a lower --limit."
+            )
         if count < least:
             raise InputError(
                 f"{count} training samples are too few: scenario {self.scenario.name!r} declares "
@@ -287,6 +301,7 @@ class TrainingJob:
             metadata = {
                 **metadata,
                 "train_samples": str(count),
+                "unlimited": max(metadata.get("unlimited", "0"), before.get("unlimited", "0")),
                 "begun_weights": str(self.settings["begun_weights"]),
             }
         best, on_gpu = state.best_epoch, self.device.type == "cuda"

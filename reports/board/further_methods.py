@@ -12,8 +12,7 @@ import pandas as pd
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.rundir.manifest import ADDED, Manifest, suite_of
-from eitbench.benchmark.tuning.selection import selected_parameters
-from eitbench.methods import methods
+from eitbench.benchmark.tuning.outdated import outdated
 from eitbench.scenarios.suites.suite import Suite
 
 _OF_A_RUN = (
@@ -28,7 +27,7 @@ def check_joins(kept: Run, run: Run, suite: Suite) -> None:
 
     Raises:
         InputError: a scenario has other frames in the record, or is new and not run; or something
-            that was to be run again was left out.
+            that was to be run again was left out, or is not run and has other parameters now.
     """
     declared = {scenario.name: scenario for scenario in suite_of(kept.manifest).scenarios}
     for scenario in suite.scenarios:
@@ -46,29 +45,9 @@ def check_joins(kept: Run, run: Run, suite: Suite) -> None:
     for cell, why in run.manifest["skipped"].items():
         if cell in there:
             raise InputError(f"{cell} was to be run again, and was left out: {why}")
-
-
-def outdated(record: Manifest) -> list[str]:
-    """The cells of a record with other parameters than are chosen now, as SCENARIO/METHOD.
-
-    What a choice does not name is as the method has it by default.
-    """
-    suite = suite_of(record)
-    if suite.ranks != "methods":  # what says places is tuned by nobody
-        return []
-    familiar = {scenario.name: suite.familiar(scenario) for scenario in suite.scenarios}
-    known, found = methods(), []
-    for cell in record["cells"]:
-        if cell["track"] in ("tuned", "calibrated") and cell["name"] in known:
-            then, default = cell["parameters"], known[cell["name"]]
-            now = selected_parameters(familiar[cell["scenario"]], cell["name"]) or {}
-            one, other = (
-                {name: of.get(name, getattr(default, name, None)) for name in {**then, **now}}
-                for of in (then, now)
-            )
-            if one != other:
-                found.append(_name(cell))
-    return found
+    ran = {_name(cell) for cell in run.manifest["cells"]}
+    if stale := [cell for cell in outdated(kept.manifest) if cell not in ran]:
+        raise InputError(f"{stale[0]} has other parameters now than in {kept.path}: run it, too.")
 
 
 def on_frames_of(kept: Run, samples: pd.DataFrame) -> pd.DataFrame:

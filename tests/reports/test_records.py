@@ -21,9 +21,9 @@ from eitbench.benchmark.findings.acuity_seen import SEEN_FILE
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.benchmark.rundir.few_bytes import DIGITS, FRAME_DIGITS
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
+from eitbench.benchmark.tuning.outdated import outdated
 from eitbench.commands.results import app as results
 from eitbench.reports.board.changes import REASONS, changes, last_before, reasons
-from eitbench.reports.board.further_methods import outdated
 from eitbench.reports.board.records import SPEEDS, STEPS, SUMS, cost, sums_of, write_record
 from eitbench.reports.page.images import shown_samples
 from eitbench.reports.page.report_data import report_data
