@@ -13,7 +13,6 @@ from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.rundir.manifest import ADDED, Manifest, suite_of
 from eitbench.benchmark.tuning.outdated import outdated
-from eitbench.scenarios.suites.suite import Suite
 
 _OF_A_RUN = (
     *("started", "finished", "resumed", "versions", "machine", "git_commit"),
@@ -22,15 +21,15 @@ _OF_A_RUN = (
 """What a manifest says of how a run was made."""
 
 
-def check_joins(kept: Run, run: Run, suite: Suite) -> None:
-    """Check that the rows of a record and those of a run can stand beside each other in `suite`.
+def check_joins(kept: Run, run: Run) -> None:
+    """Check that the rows of a record and those of a run can stand beside each other.
 
     Raises:
         InputError: a scenario has other frames in the record, or is new and not run; or something
             that was to be run again was left out, or is not run and has other parameters now.
     """
     declared = {scenario.name: scenario for scenario in suite_of(kept.manifest).scenarios}
-    for scenario in suite.scenarios:
+    for scenario in suite_of(run.manifest).scenarios:
         name = scenario.name
         if name not in run.manifest["plan"]["scenarios"]:
             same = declared.get(name) == scenario
@@ -69,14 +68,14 @@ def on_frames_of(kept: Run, samples: pd.DataFrame) -> pd.DataFrame:
     return samples.assign(input_hash=samples["input_hash"].where(new, named))
 
 
-def joined(kept: Run, suite: Suite, older: pd.DataFrame, newer: pd.DataFrame) -> pd.DataFrame:
-    """Rows of a table of a record that are not run again, and the newer ones, by scenario."""
-    order = {scenario.name: k for k, scenario in enumerate(suite.scenarios)}
+def joined(run: Run, older: pd.DataFrame, newer: pd.DataFrame) -> pd.DataFrame:
+    """Rows of a table of a record that `run` has not again, and its own, by scenario."""
+    order = {scenario.name: k for k, scenario in enumerate(suite_of(run.manifest).scenarios)}
     tables = [table for table in (older, newer) if not table.empty]
     if not tables:
         return newer
     table = pd.concat(tables, ignore_index=True)
-    cell = ["scenario", kept.kind.name]
+    cell = ["scenario", run.kind.name]
     if not older.empty and not newer.empty:
         ran = pd.MultiIndex.from_frame(newer[cell].drop_duplicates())
         again = pd.MultiIndex.from_frame(table[cell]).isin(ran)

@@ -83,16 +83,15 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
     notes, seen, found = read_run(run_path).notes, seen_table(run), alarms(run)
     content = _without_paths(run.manifest) | {"images": SHOWN}
     if kept is not None:
-        suite = manifest.suite_of(run.manifest)
-        check_joins(kept, run, suite)
+        check_joins(kept, run)
         named, notes = on_frames_of(kept, samples), kept.notes | notes
         same_bits = bool((named["input_hash"] == samples["input_hash"]).all())
-        samples = joined(kept, suite, kept.samples, named)
-        cells = joined(kept, suite, kept.cells, cells)
+        samples = joined(run, kept.samples, named)
+        cells = joined(run, kept.cells, cells)
         seen = joined(
-            kept, suite, *(pd.DataFrame() if of is None else of for of in (seen_table(kept), seen))
+            run, *(of if of is not None else pd.DataFrame() for of in (seen_table(kept), seen))
         )
-        found = joined(kept, suite, alarms(kept), found)
+        found = joined(run, alarms(kept), found)
         content = joined_manifest(kept.manifest, content, same_bits)
     if lacking := _lacking(run, content, cells):
         raise InputError(f"{run_path} is no whole run: {lacking}.")
