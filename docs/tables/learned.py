@@ -135,7 +135,9 @@ def _of_mean_errors() -> str:
     samples = record("noise").samples
     psnr = samples.groupby(["method", "scenario"])["psnr"].agg(psnr_of_mean).unstack()
     levels = [name for name in SCENARIOS if name in psnr]
-    best = ("shape-posterior", "learned-gn-2", "learned-gn", "dnn")
+    best = (
+        "shape-posterior", "learned-gn-large", "dnn-large", "learned-gn-2", "learned-gn", "dnn"
+    )  # fmt: skip
     rows = [[f"`{name}`", *(f"{psnr[of][name]:.1f}" for of in levels)] for name in best]
     heads = ["PSNR of the mean error [dB]", *(SCENARIOS[of] for of in levels)]
     return printed(heads, rows)
