@@ -33,5 +33,5 @@ def marks(name: str) -> list[pytest.MarkDecorator]:
 def test_a_built_in_method_keeps_the_contract(name: str) -> None:
     if why := methods()[name].unusable(OWN_GRID.nominal_sensor):
         pytest.skip(why)
-    report = check_method(name, limit_s=300 if name in LONG | SAMPLED else 60)
+    report = check_method(name, limit_s=300 if name in LONG | SAMPLED else 120)
     assert report.passed, [f"{result.name}: {result.message}" for result in report.failed]
