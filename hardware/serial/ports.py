@@ -80,10 +80,18 @@ def holders(port: str) -> list[str]:
     Only Linux tells, and of other users' programs only to the administrator.
     """
     device, found = os.path.realpath(port), list[str]()
-    for link in Path("/proc").glob("[0-9]*/fd/*"):
-        process = link.parents[1]
+    for process in Path("/proc").glob("[0-9]*"):
+        if process.name == str(os.getpid()):
+            continue
         with contextlib.suppress(OSError):  # it has ended, or belongs to somebody else
-            if process.name != str(os.getpid()) and str(link.readlink()) == device:
+            if any(_leads_to(link, device) for link in (process / "fd").iterdir()):
                 name = (process / "comm").read_text().strip()
                 found.append(f"{name} (process {process.name})")
-    return list(dict.fromkeys(found))
+    return found
+
+
+def _leads_to(link: Path, device: str) -> bool:
+    try:
+        return str(link.readlink()) == device
+    except OSError:  # it was closed meanwhile
+        return False

@@ -15,6 +15,7 @@ from eitbench.scenarios.errors import InputError
 DOCS = Path(__file__).parents[2] / "docs"
 
 
+@pytest.mark.slow
 def test_every_table_is_that_of_its_record() -> None:
     used = []
     for page in pages():

@@ -480,6 +480,7 @@ def test_every_change_of_the_leaderboard_has_its_reason() -> None:
             assert found.changed.keys() <= reasons(manifest.parents[1]).keys()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "record",
     sorted(path.parent for path in BOARD.glob("2*/*/manifest.json")),

@@ -66,6 +66,7 @@ def test_mean_width_and_families_are_those_of_brute_force(name: str, proposals: 
     assert drawn.effective > 0.5
 
 
+@pytest.mark.slow
 def test_draws_stand_for_phantoms_that_fit() -> None:
     models, begin, *_ = made()
     rng = np.random.default_rng(3)
@@ -79,6 +80,7 @@ def test_draws_stand_for_phantoms_that_fit() -> None:
         assert prior.standing(vector[None, : len(prior.parameters.low)]).all()
 
 
+@pytest.mark.slow
 def test_the_same_generator_gives_the_same_draws() -> None:
     models, begin, *_ = made()
     frame = models.frame(ForwardModel(SENSOR).voltages(np.full((32, 32), 0.9)), SNR_DB)
