@@ -21,25 +21,29 @@ from eitbench.scenarios.suites.scenario import RecordedScenario
 
 
 def write_notes(run: Path) -> None:
-    """Write `recordings.json`: the figures of every recorded scenario of the run directory `run`.
-
-    Scenarios whose data are no longer here are left out, and without any there is no file.
+    """Write `recordings.json`: the notes of `noted` on the run directory `run`, if there are any.
 
     Raises:
         InputError: `run` has no readable manifest.
     """
-    manifest = manifests.read(run)
-    suite = manifests.suite_of(manifest)
-    noted: dict[str, dict[str, float | None]] = {}
-    for scenario in suite.scenarios:
+    if found := noted(manifests.read(run)):
+        text = json.dumps(found, indent=2, allow_nan=False) + "\n"
+        atomic_write(run / NOTES_FILE, text.encode())
+
+
+def noted(manifest: manifests.Manifest) -> dict[str, dict[str, float | None]]:
+    """Return the figures of every recorded scenario of a run, by its name, see `notes_of`.
+
+    Scenarios whose data are no longer here are left out.
+    """
+    found: dict[str, dict[str, float | None]] = {}
+    for scenario in manifests.suite_of(manifest).scenarios:
         if isinstance(scenario, RecordedScenario) and scenario.name in manifest["data"]:
             try:
-                noted[scenario.name] = notes_of(scenario, manifest["data"][scenario.name]["n"])
+                found[scenario.name] = notes_of(scenario, manifest["data"][scenario.name]["n"])
             except (DataUnavailableError, DataCorruptError):
                 continue
-    if noted:
-        text = json.dumps(noted, indent=2, allow_nan=False) + "\n"
-        atomic_write(run / NOTES_FILE, text.encode())
+    return found
 
 
 def notes_of(scenario: RecordedScenario, n: int) -> dict[str, float | None]:

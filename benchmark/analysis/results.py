@@ -381,9 +381,7 @@ def code_of(run: Run, name: str) -> str:
         module = module or next(own, None)
     if module is None:
         return "an installed package"
-    added = reversed(run.manifest.get(manifest.ADDED, []))
-    of_name = (of for of in added if any(cell.endswith(f"/{name}") for cell in of["cells"]))
-    about = next(of_name, run.manifest)
+    about = manifest.origin(run.manifest, name)
     version = about.get("versions", {}).get("eitbench") or ""
     commit = about.get("git_commit") or ""
     at = ", ".join(part for part in (version, commit[:10] and f"commit {commit[:10]}") if part)

@@ -36,8 +36,8 @@ _SEEN = (
 )  # fmt: skip
 
 
-def seen_table(run: Run) -> pd.DataFrame | None:
-    """What all images of a run show: a row for each image, for `SEEN_FILE`; None of other runs.
+def seen_table(run: Run) -> pd.DataFrame:
+    """What all images of a run show: a row for each image, for `SEEN_FILE`; empty of other runs.
 
     Raises:
         DataCorruptError: the images of the run are damaged.
@@ -46,7 +46,7 @@ def seen_table(run: Run) -> pd.DataFrame | None:
         table[["sample", *_SEEN]].assign(scenario=scenario, method=method)
         for scenario, method, _, table in seen_tables(run)
     ]
-    return pd.concat(found, ignore_index=True) if found else None
+    return pd.concat(found, ignore_index=True) if found else pd.DataFrame()
 
 
 def has_acuity(run: Run) -> bool:

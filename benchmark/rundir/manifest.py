@@ -206,11 +206,17 @@ def first_problem(error: ValidationError) -> tuple[str, str]:
     return ".".join(map(str, first["loc"])), first["msg"]
 
 
-def origin(manifest: Manifest, scenario: str, name: str) -> Manifest:
-    """What a manifest says of the run that a cell is from: itself, or an entry of `ADDED`."""
-    added = manifest.get(ADDED, ())
-    cell = f"{scenario}/{name}"
-    return next((of for of in reversed(added) if cell in of["cells"]), manifest)
+def origin(manifest: Manifest, name: str, scenario: str = "") -> Manifest:
+    """What a manifest says of the run that a cell is from: itself, or an entry of `ADDED`.
+
+    Without a scenario it is the newest run that cells of a method or operator are from.
+    """
+    for run in reversed(manifest.get(ADDED, [])):
+        for cell in run["cells"]:
+            of_scenario, _, of_name = cell.partition("/")
+            if of_name == name and scenario in ("", of_scenario):
+                return dict(run)
+    return manifest
 
 
 def samples_of(manifest: Manifest) -> dict[str, int]:

@@ -129,7 +129,7 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             f"The weight alpha of the data loss is 1, or 0 with a physical loss; got "
             f"{request.alpha} for {method.files.name!r}."
         )
-    count = job.training_count(more="unlimited" in method.options)
+    count = job.training_count(more=True)
     beyond = request.unlimited or count > scenario.train
     if beyond:
         job.check_nominal("makes more touches of the nominal sensor than are declared")

@@ -174,7 +174,7 @@ def in_words(found: Changes, why: Mapping[str, str]) -> list[str]:
 
 def _machine(run: Run, scenario: str, name: str) -> Any:
     """What decides the last bits of a cell's figures: the processor and the libraries."""
-    told = manifest.origin(run.manifest, scenario, name)
+    told = manifest.origin(run.manifest, name, scenario)
     versions = {k: v for k, v in (told.get("versions") or {}).items() if k != "eitbench"}
     return (told.get("machine") or {}).get("cpu"), versions
 

@@ -15,7 +15,7 @@ import pandas as pd
 from pandas.api.types import is_float_dtype
 
 from eitbench.benchmark import InputError, atomic_write
-from eitbench.benchmark.analysis.recording_notes import write_notes
+from eitbench.benchmark.analysis.recording_notes import noted
 from eitbench.benchmark.analysis.results import (
     BUSY,
     NOTES_FILE,
@@ -76,11 +76,12 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
     """
     check_new(out)
     run, kept = read_run(run_path), None if older is None else read_run(older)
-    write_notes(run_path)
+    if why := _never(run):
+        raise InputError(f"{run_path} is no whole run: {why}.")
     cells = _without_busy_times(run, out).assign(checksums=checksums(run))
     # All methods repeat the hashes of frames.
     samples = with_short_hashes(run.samples)
-    notes, seen, found = read_run(run_path).notes, seen_table(run), alarms(run)
+    notes, seen, found = run.notes | noted(run.manifest), seen_table(run), alarms(run)
     content = _without_paths(run.manifest) | {"images": SHOWN}
     if kept is not None:
         check_joins(kept, run)
@@ -88,9 +89,7 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
         same_bits = bool((named["input_hash"] == samples["input_hash"]).all())
         samples = joined(run, kept.samples, named)
         cells = joined(run, kept.cells, cells)
-        seen = joined(
-            run, *(of if of is not None else pd.DataFrame() for of in (seen_table(kept), seen))
-        )
+        seen = joined(run, seen_table(kept), seen)
         found = joined(run, alarms(kept), found)
         content = joined_manifest(kept.manifest, content, same_bits)
     if lacking := _lacking(run, content, cells):
@@ -106,7 +105,7 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
     atomic_write(staged / manifest.FILE_NAME, text.encode())
     if run.kind is METHOD_RUNS:  # operators have no images
         _write_images(run, kept, staged / run.kind.arrays)
-        if seen is not None and not seen.empty:
+        if not seen.empty:
             _write_rounded(seen, staged / SEEN_FILE)
         if not found.empty:
             found.to_parquet(staged / ALARMS_FILE, index=False)
@@ -189,15 +188,20 @@ def check_new(out: Path) -> None:
         )
 
 
-def _lacking(run: Run, content: manifest.Manifest, cells: pd.DataFrame) -> str:
-    """What a record with these `cells` lacks of its suite, as a part of a sentence; or ""."""
-    suite = manifest.suite_of(run.manifest)
+def _never(run: Run) -> str:
+    """Why nothing makes a record of a run, as a part of a sentence; "" if something may."""
     if run.manifest.get("hidden"):
         return "it holds frames of a hidden set, of which only figures are published"
     if not run.whole:
         return "it is a record itself, with images of few samples"
-    if run.manifest.get("plan", {}).get("limit") != suite.limit:
+    if run.manifest.get("plan", {}).get("limit") != manifest.suite_of(run.manifest).limit:
         return "it was limited to some test samples"
+    return ""
+
+
+def _lacking(run: Run, content: manifest.Manifest, cells: pd.DataFrame) -> str:
+    """What a record with these `cells` lacks of its suite, as a part of a sentence; or ""."""
+    suite = manifest.suite_of(run.manifest)
     left_out = {**content["skipped"], **content["refused"]}
     ran = set(zip(cells["scenario"], cells[run.kind.name], strict=True))
     for scenario in (s.name for s in suite.scenarios):

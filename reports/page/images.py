@@ -54,9 +54,11 @@ def packed_images(
         DataCorruptError: the images of a run cannot be read.
     """
     cells = {label: run.cell(scenario, name) for label, (run, name) in methods.items()}
-    if not (first := next(iter(methods.values()))[0]).whole:  # a record has images of few samples
-        there = first.scene(scenario, range(first.n(scenario))).sample.tolist()
-        cells = {label: cell[cell["sample"].isin(there)] for label, cell in cells.items()}
+    first, runs = next(iter(methods.values()))[0], {run for run, _ in methods.values()}
+    for run in runs:
+        if not run.whole:  # a record has images of few samples
+            there = run.scene(scenario, range(run.n(scenario))).sample.tolist()
+            cells = {label: cell[cell["sample"].isin(there)] for label, cell in cells.items()}
     table, cases = _together(cells, by)
     if not cases:
         return None

@@ -223,6 +223,18 @@ def test_a_run_of_a_part_of_its_suite_is_no_record(
     assert not (tmp_path / "2026.1" / "record").exists()
 
 
+def test_a_record_makes_no_record_and_is_left_as_it_is(record: Path, tmp_path: Path) -> None:
+    before = sums_of(record)
+    with pytest.raises(InputError, match="it is a record itself, with images of few samples"):
+        write_record(record, tmp_path / "2026.1" / "mine")
+    assert sums_of(record) == before
+    of_recordings = BOARD / "2026.2" / "quick"  # whose notes would be worked out again
+    before = sums_of(of_recordings)
+    with pytest.raises(InputError, match="it is a record itself"):
+        write_record(of_recordings, tmp_path / "2026.1" / "mine")
+    assert sums_of(of_recordings) == before
+
+
 def test_a_limited_run_is_no_record(tmp_path: Path) -> None:
     limited = start_run(make_plan(SUITE, limit=3), tmp_path / "run").path
     with pytest.raises(InputError, match="limited to some test samples"):

@@ -69,33 +69,26 @@ def board(
             "leave --methods and --scenarios out."
         )
     typer.echo(cost(suite, records, asked))
+    operators = declared.ranks == "operators"
+    plan = make_plan(
+        declared,
+        methods=() if operators else asked,
+        operators=asked if operators else (),
+        scenarios=on,
+    )
     progress = RunProgress()
-    begun = (run / manifest.FILE_NAME).is_file()
-    if begun:
+    if (run / manifest.FILE_NAME).is_file():
         held = manifest.read(run)["plan"]
-        if held["suite"]["name"] != suite:
-            raise InputError(f"{run} holds a run of another suite: name another folder for --runs.")
-        whole = len(held["names"]) == len(manifest.suite_of(manifest.read(run)).names)
-        same = (sorted(held["names"]), sorted(held["scenarios"])) == (
-            sorted(asked or declared.names), sorted(on or every)
-        )  # fmt: skip
-        if not same and (part or not whole):
+        named, ran = held["names"], held["scenarios"]
+        if (held["suite"]["name"], {*named}, {*ran}) != (suite, {*plan.names}, {*plan.scenarios}):
             raise InputError(
-                f"{run} holds a run of {', '.join(held['names'])} on {', '.join(held['scenarios'])}"
-                ": name another folder for --runs."
+                f"{run} holds a run of {', '.join(named)} on {', '.join(ran)}: name another folder "
+                "for --runs."
             )
+        result = resume_run(run, suite=declared, jobs=jobs, progress=progress)
     elif run.exists() and not (run.is_dir() and not any(run.iterdir())):
         raise InputError(f"{run} holds something that is no run: name another folder for --runs.")
-    if begun:
-        result = resume_run(run, suite=declared, jobs=jobs, progress=progress)
     else:
-        operators = declared.ranks == "operators"
-        plan = make_plan(
-            declared,
-            methods=() if operators else asked,
-            operators=asked if operators else (),
-            scenarios=on,
-        )
         result = start_run(plan, run, jobs=jobs, progress=progress)
     for sentence in (*result.skipped, *result.refused):
         warn(sentence)
