@@ -25,8 +25,8 @@ from eitbench.scenarios.suites.suite import Suite, on_sensor
 CANDIDATES = (
     "back-projection", "noser", "tikhonov", "laplacian", "greit",
     "coarse-to-fine", "dnn", "dnn-randomised", "phydnn", "fno", "learned-proximal", "tank-unet",
-    "learned-gn", "learned-gn-2", "ensemble",
-    "tv", "gauss-newton-noser", "gauss-newton-tv", "dnn-large", "learned-gn-large",
+    "tv", "learned-gn", "ensemble", "learned-gn-2",
+    "gauss-newton-noser", "dnn-large", "learned-gn-large", "gauss-newton-tv",
 )  # fmt: skip
 """By what a fit and a frame cost, the cheapest first. None of them uses a GPU for its images."""
 
