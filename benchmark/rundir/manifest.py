@@ -79,14 +79,22 @@ def machine() -> dict[str, str | int | None]:
 
 @cache
 def cpu_model() -> str:
-    """The processor's name."""
+    """The processor's name, with family and model where the system tells them.
+
+    Virtual machines give processors of different speed, and of different rounding, one name.
+    """
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.is_file():
-        for line in cpuinfo.read_text(errors="replace").splitlines():
-            key, _, value = line.partition(":")
-            if key.strip() == "model name":
-                return value.strip()
+        first = cpuinfo.read_text(errors="replace").partition("\n\n")[0]
+        pairs = (line.partition(":") for line in first.splitlines())
+        known = {key.strip(): value.strip() for key, _, value in pairs}
+        if name := known.get("model name"):
+            kind = [f"{key} {known[of]}" for key, of in _KINDS if of in known]
+            return f"{name} ({', '.join(kind)})" if kind else name
     return platform.processor() or platform.machine()
+
+
+_KINDS = (("family", "cpu family"), ("model", "model"))
 
 
 def git_commit() -> str | None:
