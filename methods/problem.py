@@ -323,3 +323,8 @@ class Problem:
 
 def _estimated(change: Array, estimate: Array | None) -> Array:
     return np.asarray(change if estimate is None else change @ estimate.T)
+
+
+def no_split(split: str, limit: int | None) -> Dataset:
+    """Refuse to load a split, for problems whose data are read elsewhere."""
+    raise RuntimeError(f"The {split} split is read elsewhere.")

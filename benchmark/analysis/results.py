@@ -162,9 +162,13 @@ def _try_run(path: Path) -> None:
     with suppress(DataCorruptError):
         for _ in islice(names_in(path / run.kind.arrays), MOST_ENTRIES):
             pass
-    for scenario, method in cells_of(run.samples) if run.kind == METHOD_RUNS else ():
+    if run.kind != METHOD_RUNS:
+        return
+    for scenario in run.scenarios():
         with suppress(DataCorruptError):  # who asks for these images is told
             run.scene(scenario, [])
+    for scenario, method in cells_of(run.samples):
+        with suppress(DataCorruptError):
             run.estimates(scenario, method, [])
 
 
@@ -222,7 +226,12 @@ def cells_of(samples: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
     if samples.empty:
         return {}
     cells = samples.groupby(["scenario", "method"], sort=False)
-    return {(str(s), str(m)): cell.sort_values("sample") for (s, m), cell in cells}
+    return {(str(s), str(m)): in_order(cell) for (s, m), cell in cells}
+
+
+def in_order(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows by sample."""
+    return rows if rows["sample"].is_monotonic_increasing else rows.sort_values("sample")
 
 
 def checked_table(

@@ -26,7 +26,7 @@ from eitbench.benchmark.analysis.leaderboard import (
     ranked_boards,
     ranking_figure,
 )
-from eitbench.benchmark.analysis.results import Run
+from eitbench.benchmark.analysis.results import Run, in_order
 from eitbench.benchmark.metrics.aggregation import aggregate, figure_of, numbers
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.specs import ANCHORS, anchored
@@ -128,7 +128,7 @@ def _standing(board: Sequence[Entry]) -> Standing:
     for row, entry in zip(rows, board, strict=True):
         row |= _gaps(entry, by)
     places = _whole(board)
-    cells = [board[place].cell.sort_values("sample") for place in places]
+    cells = [in_order(board[place].cell) for place in places]
     if any("cluster" not in cell for cell in cells):
         why = (
             "Intervals need to know which samples share a session, and a run does not say so: run "
@@ -146,7 +146,8 @@ def _standing(board: Sequence[Entry]) -> Standing:
     def figures(counts: Array) -> Array:
         return np.stack([aggregate(cell, specs, counts) for cell in cells], axis=1)
 
-    value = once(figures, len(cells[0]))
+    found = [[rows[place][spec.name] for spec in specs] for place in places]
+    value = np.array(found, dtype=np.float64)  # NaN where there is none
     drawn = draw(figures, cells[0]["cluster"])
     ends = intervals(value, drawn, clusters)
     main = next(k for k, spec in enumerate(specs) if spec.name == by)
@@ -195,7 +196,7 @@ def track_gaps(
     spec = METHOD_RUNS.metrics[by]
     cells = {str(track): rows for track, rows in tracks.groupby("track")}
     cells["default" if main_track == "default" else "tuned"] = main
-    cells = {track: rows.sort_values("sample") for track, rows in cells.items()}
+    cells = {track: in_order(rows) for track, rows in cells.items()}
     if len({tuple(rows["sample"]) for rows in cells.values()}) > 1:
         return {}
 
@@ -233,7 +234,11 @@ def _ranks_of_valid(board: Sequence[Entry], by: str | None) -> list[int | None]:
     if by is None:
         return [None] * len(board)
     spec = METHOD_RUNS.metrics[by]
-    values = [figure_of(entry.cell[entry.cell["status"] == "ok"], spec) for entry in board]
+    values = []
+    for entry in board:
+        valid = entry.cell["status"] == "ok"
+        known = entry.row[by] if valid.all() else figure_of(entry.cell[valid], spec)
+        values.append(np.nan if known is None else known)
     keys = [(not is_whole(e.row), -spec.sign * v) for e, v in zip(board, values, strict=True)]
     known = [key for key in keys if np.isfinite(key[1])]
     return [1 + sum(other < key for other in known) if key in known else None for key in keys]
@@ -255,8 +260,11 @@ def _pairs(
     difference, differences = value[one] - value[other], drawn[:, one] - drawn[:, other]
     low, high = intervals(difference, differences, clusters)
     t = student_t(difference, differences, clusters)
+    # What single samples have of the figure; where it is of all samples together, nothing.
+    of_samples = spec.name in cells[0]
+    values = [numbers(cell, spec.name) for cell in cells] if of_samples else []
     if spec.aggregate == "median":
-        values, of = [numbers(cell, spec.name) for cell in cells], cells[0]["cluster"]
+        _, of = np.unique(cells[0]["cluster"], return_inverse=True)
         each: ArrayLike = [
             signed_rank_of(float(difference[k]), values[a] - values[b], of)
             for k, (a, b) in enumerate(found)
@@ -273,7 +281,7 @@ def _pairs(
             high=float(high[k]),
             p=float(p[k]),
             effect=float(t[k] / np.sqrt(clusters)),
-            wins=_wins(cells[a], cells[b], spec) if spec.name in cells[a] else None,
+            wins=_wins(spec.sign * (values[a] - values[b])) if of_samples else None,
         )
         for k, (a, b) in enumerate(found)
     ]
@@ -293,8 +301,8 @@ def adjusted(p: ArrayLike, rivals: ArrayLike) -> Array:
     return np.asarray(np.minimum(1.0, np.asarray(p) * methods * (methods - 1) / 2))
 
 
-def _wins(cell: pd.DataFrame, other: pd.DataFrame, spec: MetricSpec) -> float | None:
-    difference = spec.sign * (numbers(cell, spec.name) - numbers(other, spec.name))
+def _wins(difference: Array) -> float | None:
+    """The share of samples on which the `difference` is more than 0, equals counting half."""
     known = difference[~np.isnan(difference)]
     return float(((known > 0) + 0.5 * (known == 0)).mean()) if len(known) else None
 
@@ -329,9 +337,12 @@ def weights_won(cells: Sequence[pd.DataFrame]) -> Array | None:
     between their anchors, so that a weight means the same for each. None where there is no truth
     to compute them with. S as published is one of these weightings: see `score_weights`.
     """
-    if any(name not in cell or cell[name].isna().any() for cell in cells for name in ANCHORS):
+    if any(name not in cell for cell in cells for name in ANCHORS):
         return None
-    parts = np.array([anchored({n: numbers(c, n) for n in ANCHORS}).mean(axis=0) for c in cells])
+    figures = [{name: numbers(cell, name) for name in ANCHORS} for cell in cells]
+    if any(np.isnan(values).any() for of in figures for values in of.values()):
+        return None
+    parts = np.array([anchored(of).mean(axis=0) for of in figures])
     weights = np.random.default_rng(0).dirichlet(np.ones(len(ANCHORS)), size=WEIGHTINGS)
     totals = np.round(weights @ parts.T, _DIGITS)
     best = totals == totals.max(axis=1, keepdims=True)

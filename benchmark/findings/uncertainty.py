@@ -80,13 +80,15 @@ def read_uncertainty(run: Run) -> list[Stated]:
     names = [name for name in UNCERTAINTY if name in run.samples]
     if run.kind is not METHOD_RUNS or "uncertainty" not in run.cells or not names:
         return []
+    cells = run.cells.drop_duplicates(["scenario", "method"]).set_index(["scenario", "method"])
+    texts = cells["uncertainty"].to_dict()
     found = []
     for scenario in run.scenarios():
         rows = run.samples[run.samples["scenario"] == scenario]
         track = []
         for method, of in rows.groupby("method", sort=False):
             if of["uncertainty_ms"].notna().any():
-                curves = _curves(run, scenario, str(method))
+                curves = _curves(run, texts.get((scenario, method)))
                 track.append(Stated(scenario, str(method), _figures(of, names), len(of), curves))
         known = frames_among(scenario, rows["input_hash"].unique().tolist())
         stated = [name for name in names if name in known]
@@ -105,10 +107,12 @@ def _figures(rows: pd.DataFrame, names: list[str]) -> dict[str, Interval]:
     figures = dict.fromkeys(UNCERTAINTY, Interval(np.nan, np.nan, np.nan))
     # Figures of the same frames share their draws.
     of_frames: dict[bytes, list[str]] = {}
-    for name in names:
-        of_frames.setdefault(rows[name].notna().to_numpy().tobytes(), []).append(name)
+    there = rows[names].notna().to_numpy()
+    for name, known_of in zip(names, there.T, strict=True):
+        of_frames.setdefault(known_of.tobytes(), []).append(name)
     for frames, together in of_frames.items():
-        known = rows[np.frombuffer(frames, dtype=bool)]
+        columns = [name for name in (*together, "cluster") if name in rows]
+        known = rows.loc[np.frombuffer(frames, dtype=bool), columns]
         if len(known):
             figures |= _together(known, together)
     return figures
@@ -131,9 +135,7 @@ def _together(known: pd.DataFrame, names: list[str]) -> dict[str, Interval]:
     return {name: Interval(*three) for name, three in zip(names, values, strict=True)}
 
 
-def _curves(run: Run, scenario: str, method: str) -> Curves | None:
-    of = run.cells[(run.cells["scenario"] == scenario) & (run.cells["method"] == method)]
-    text = of["uncertainty"].iloc[0] if len(of) else ""
+def _curves(run: Run, text: object) -> Curves | None:
     if not isinstance(text, str) or not text:
         return None
     try:

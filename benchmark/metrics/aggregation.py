@@ -61,7 +61,8 @@ def strength_spearman(cell: pd.DataFrame, counts: Array) -> Array:
 
 def repeatability_db(cell: pd.DataFrame, counts: Array) -> Array:
     """20 log10 of the rms response to touched frames over that to the others (b,)."""
-    if not {"touched", "response"} <= set(cell) or not cell["response"].notna().any():
+    has = "touched" in cell and "response" in cell
+    if not has or not cell["response"].notna().any():
         return np.full(len(counts), np.nan)
     known = (cell["touched"].notna() & cell["response"].notna()).to_numpy()
     touched = cell["touched"].to_numpy()[known].astype(bool)

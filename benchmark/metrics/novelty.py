@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.statistics import quantile, ranks
-from eitbench.methods.problem import Problem
+from eitbench.methods.problem import Problem, no_split
 from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.data.datasets import Dataset, same_reference
-from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
 
 FALSE_ALARMS = 0.05
@@ -152,7 +151,7 @@ def _checks(data: Dataset) -> Array:
     """The three numbers (n, 3) of frames, see `FRAME`."""
     model = forward_model(data.sensor)
     untouched = model.voltages(model.background)
-    problem = Problem(data.sensor, data.references[0], _no_splits)
+    problem = Problem(data.sensor, data.references[0], no_split)
     found = np.empty((len(data), 3))
     for rows in same_reference(data.references):
         reference = problem.reference = data.references[rows.start]
@@ -172,7 +171,7 @@ def residuals(data: Dataset, images: Images) -> dict[str, Array]:
     """
     sensor, model = data.sensor, forward_model(data.sensor)
     low, high = sensor.conductivity_range
-    problem = Problem(sensor, data.references[0], _no_splits)
+    problem = Problem(sensor, data.references[0], no_split)
     untouched = model.voltages(model.background)
     found = {name: np.full(len(data), np.nan) for name in ("residual", "relative_residual")}
     for rows in same_reference(data.references):
@@ -187,10 +186,6 @@ def residuals(data: Dataset, images: Images) -> dict[str, Array]:
                 found["residual"][n] = missing / np.linalg.norm(problem.reference)
                 found["relative_residual"][n] = missing / max(float(np.linalg.norm(seen)), 1e-300)
     return found
-
-
-def _no_splits(split: str, limit: int | None) -> Dataset:
-    raise InputError("A residual is computed without data to learn from.")
 
 
 def auroc_and_caught(counts: Array, scores: Array, novel: NDArray[np.bool_]) -> Array:

@@ -5,6 +5,8 @@
 contacts, have none of these figures.
 """
 
+from functools import lru_cache
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -62,15 +64,22 @@ def local_errors(error: Array, places: Array) -> Array:
 
     Neighbours are the same in every turned, mirrored or scaled picture of the skin.
     """
-    _, nearest = KDTree(places).query(places, min(NEIGHBOURS, len(places)))
-    return np.asarray(np.median(error[nearest.reshape(len(places), -1)], axis=1))
+    return np.asarray(np.median(error[_nearest(places.tobytes())], axis=1))
+
+
+@lru_cache(maxsize=8)  # all methods of a board have the same places
+def _nearest(places: bytes) -> NDArray[np.int64]:
+    """The `NEIGHBOURS` nearest (n, k) of each of n places, which are given as their bytes."""
+    xy = np.frombuffer(places).reshape(-1, 2)
+    _, nearest = KDTree(xy).query(xy, min(NEIGHBOURS, len(xy)))
+    return np.asarray(nearest).reshape(len(xy), -1)
 
 
 def _presses(cell: pd.DataFrame) -> tuple[NDArray[np.bool_], Array, Array]:
     """Rows (n,) of single presses with known places, their errors (n,) [mm] and places (n, 2)."""
     names = ["localisation_mm", "expected_x_m", "expected_y_m"]
     values = np.full((len(cell), 3), np.nan)
-    if set(names) <= set(cell):
+    if all(name in cell for name in names):
         values = np.stack([numbers(cell, name) for name in names], axis=1)
     known = ~np.isnan(values).any(axis=1)
     if known.any() and "farthest_contact_mm" in cell and cell["farthest_contact_mm"].notna().any():

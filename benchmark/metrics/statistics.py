@@ -9,11 +9,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import special, stats
 
 from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.compiling import compiled
 from eitbench.scenarios.errors import InputError
 
 LEVEL = 0.95
@@ -76,12 +76,11 @@ def medians(counts: Array, values: Array) -> Array:
         order = np.argsort(column)[: np.count_nonzero(~np.isnan(column))]
         if not len(order):
             continue
-        upto = np.cumsum(counts[:, order], axis=1)
-        size = upto[:, -1]
+        size = counts[:, order].sum(axis=1)
         # The middle one, or the mean of the middle two, of the values repeated as often as drawn.
-        ends = [(upto < middle[:, None]).sum(axis=1) for middle in ((size + 1) // 2, size // 2 + 1)]
-        middles = [column[order[np.minimum(end, len(order) - 1)]] for end in ends]
-        out[:] = np.where(size > 0, (middles[0] + middles[1]) / 2, np.nan)
+        middle = np.stack([(size + 1) // 2, size // 2 + 1], axis=1)
+        low, high = column[order[_reaching(counts, order, middle)]].T
+        out[:] = np.where(size > 0, (low + high) / 2, np.nan)
     return found
 
 
@@ -92,10 +91,26 @@ def quantile(counts: Array, values: Array, share: float) -> Array:
     """
     if not len(values):
         return np.full(len(counts), np.nan)
-    order = np.argsort(values)
-    upto = np.cumsum(counts[:, order], axis=1)
-    below = (upto < share * upto[:, -1:] - EQUAL).sum(axis=1)
-    return np.where(upto[:, -1] > 0, values[order][np.minimum(below, len(order) - 1)], np.nan)
+    order, size = np.argsort(values), counts.sum(axis=1)
+    (reached,) = _reaching(counts, order, share * size[:, None] - EQUAL).T
+    return np.where(size > 0, values[order[reached]], np.nan)
+
+
+@compiled
+def _reaching(counts: Array, order: NDArray[np.int64], levels: Array) -> NDArray[np.int64]:
+    """Places (b, k) in `order` (n,) at which the sum of the counts (b, n) reaches each level.
+
+    Those of the `levels` (b, k) of a draw ascend. A level that is not reached has the last place.
+    """
+    places = np.empty(levels.shape, np.int64)
+    for draw in range(len(counts)):
+        total, after = 0.0, 0
+        for k in range(levels.shape[1]):
+            while total < levels[draw, k] and after < len(order):
+                total += counts[draw, order[after]]
+                after += 1
+            places[draw, k] = max(after - 1, 0)
+    return places
 
 
 def spearman(counts: Array, x: Array, y: Array) -> Array:
@@ -210,7 +225,9 @@ def signed_rank(differences: Array, clusters: ArrayLike) -> float:
     Source: Wilcoxon, Individual Comparisons by Ranking Methods, Biometrics Bulletin 1(6), 1945;
     zeros as Pratt, Journal of the American Statistical Association 54, 1959.
     """
-    means = pd.Series(differences).groupby(np.asarray(clusters)).mean().dropna().to_numpy()
+    known = ~np.isnan(differences)
+    _, of = np.unique(np.asarray(clusters)[known], return_inverse=True)
+    means = np.bincount(of, differences[known]) / np.bincount(of)
     means = np.where(np.abs(means) < EQUAL, 0.0, means)
     if not means.any():
         return 1.0

@@ -18,7 +18,7 @@ from eitbench.benchmark.metrics.statistics import Interval, bootstrap
 from eitbench.benchmark.tuning.selection import selected_parameters
 from eitbench.methods import Problem, create
 from eitbench.methods.method import reconstructed
-from eitbench.methods.training.samples import no_split
+from eitbench.methods.problem import no_split
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError

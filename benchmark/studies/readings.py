@@ -20,7 +20,7 @@ from eitbench.benchmark.metrics.image_metrics import image_figures
 from eitbench.benchmark.rundir.manifest import now
 from eitbench.benchmark.tuning.selection import selected_parameters
 from eitbench.methods import Problem, create
-from eitbench.methods.training.samples import no_split
+from eitbench.methods.problem import no_split
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.physics.forward import forward_model

@@ -26,6 +26,7 @@ from eitbench.benchmark.rundir.lock import locked
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.image_networks import TrainedMethod
 from eitbench.methods.method import reconstructed
+from eitbench.methods.problem import no_split
 from eitbench.methods.registry import methods
 from eitbench.methods.training import (
     DivergedError,
@@ -33,7 +34,7 @@ from eitbench.methods.training import (
     TrainingRequest,
     train,
 )
-from eitbench.methods.training.samples import no_split, training_scenario
+from eitbench.methods.training.samples import training_scenario
 from eitbench.methods.weights.weight_files import sensor_key
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataCorruptError, InputError, unknown_name

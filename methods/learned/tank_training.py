@@ -10,9 +10,9 @@ from torch import Tensor
 
 from eitbench.methods.learned.tank_unet import CHANNELS, LinearImages, image_map
 from eitbench.methods.networks.class_network import ClassNetwork
-from eitbench.methods.problem import Problem
+from eitbench.methods.problem import Problem, no_split
 from eitbench.methods.training.loop import Data, TrainingTask, working_precision
-from eitbench.methods.training.samples import images, no_split
+from eitbench.methods.training.samples import images
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.public.kuopio import LEVELS, tank

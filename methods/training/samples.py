@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from eitbench.methods.problem import Problem
+from eitbench.methods.problem import Problem, no_split
 from eitbench.methods.weights.weight_files import sensor_key
 from eitbench.scenarios.data.simulation import phantom
 from eitbench.scenarios.errors import InputError, unknown_name
@@ -18,7 +18,6 @@ from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import Suite
 
 if TYPE_CHECKING:
-    from eitbench.scenarios.data.datasets import Dataset
     from eitbench.scenarios.suites.scenario import Split
 
 
@@ -54,11 +53,6 @@ def training_scenario(suite: Suite, name: str | None = None) -> SimulatedScenari
             "a training is for one, so name a scenario with --scenario."
         )
     return simulated[0]
-
-
-def no_split(split: str, limit: int | None) -> Dataset:
-    """Refuse to load a split, for problems whose data are read elsewhere."""
-    raise RuntimeError(f"The {split} split is read elsewhere.")
 
 
 def nominal_problem(scenario: SimulatedScenario) -> Problem:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -106,3 +107,11 @@ def save(
         atomic_write(written[-1], partial(figure.savefig, format=form, dpi=dpi, metadata=about))
         figure.set_layout_engine("none")  # it is laid out, which takes as long as drawing it
     return written
+
+
+def svg(figure: Figure) -> bytes:
+    """The figure as SVG, always the same bytes."""
+    content = io.BytesIO()
+    figure.savefig(content, format="svg", metadata=_METADATA["svg"])
+    figure.set_layout_engine("none")
+    return content.getvalue()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import base64
-import io
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from eitbench.benchmark import atomic_write
-from eitbench.reports.figures.style import STYLE, save
+from eitbench.reports.figures.style import STYLE, save, svg
 from eitbench.reports.tables.formats import csv_text, escape_markdown, markdown_table
 
 if TYPE_CHECKING:
@@ -53,19 +53,24 @@ class Finding:
         atomic_write(written[1], csv_text(self.table, "%.6g").encode())
         if self.figure is None:
             return written
+        written.append(figures / f"{self.stem}.svg")
+        atomic_write(written[-1], self._svg)
         with mpl.rc_context(STYLE):
-            written += save(self.figure, figures / self.stem, ("png", "pdf", "svg"), dpi=200)
+            written += save(self.figure, figures / self.stem, dpi=200)
             if self.narrow is not None:
                 written += save(self.narrow, figures / f"{self.stem}-column", ("pdf",))
         return written
 
     def picture(self) -> str:
         """Return the figure as a `data:` address, for a page; "" where there is none."""
-        import matplotlib as mpl
-
         if self.figure is None:
             return ""
-        content = io.BytesIO()
+        return f"data:image/svg+xml;base64,{base64.b64encode(self._svg).decode()}"
+
+    @cached_property  # a page shows it, and a folder holds it
+    def _svg(self) -> bytes:
+        import matplotlib as mpl
+
+        assert self.figure is not None
         with mpl.rc_context(STYLE):
-            self.figure.savefig(content, format="png", dpi=170)
-        return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"
+            return svg(self.figure)

@@ -20,6 +20,8 @@ MOST_FAMILIES = 6
 IMAGES = 1200
 """That a page may hold, 2 kB each; where there would be more, families are left out."""
 _OUTSIDE = 255
+_BELOW = ("ssim", "cc", "rie", "psnr", "score", "localisation_mm")
+"""Figures below an image."""
 STEPS, FEW_STEPS = 254, 31
 """Of the scale; of as many images as a page can hold, few steps take a quarter of its bytes."""
 
@@ -39,8 +41,8 @@ def packed_images(
         methods: the run and the name of each method, by its label; the runs are of the same data.
         scenario: its name.
         by: a figure of samples.
-        families: number of those that are shown, the first ones. Where some are left out, images
-            have `FEW_STEPS`.
+        families: number of those that are shown, the first ones. Where some are left out, or one
+            alone is more than a page should hold, images have `FEW_STEPS`.
 
     Returns:
         A row of `names` by `samples` images of `shape` pixels, as bytes whose text is `data` (see
@@ -53,7 +55,9 @@ def packed_images(
     Raises:
         DataCorruptError: the images of a run cannot be read.
     """
-    cells = {label: run.cell(scenario, name) for label, (run, name) in methods.items()}
+    cells = {
+        label: _shown_of(run.cell(scenario, name), by) for label, (run, name) in methods.items()
+    }
     first, runs = next(iter(methods.values()))[0], {run for run, _ in methods.values()}
     for run in runs:
         if not run.whole:  # a record has images of few samples
@@ -75,7 +79,7 @@ def packed_images(
             stacks[label] = estimates.astype(np.float64)
     low, high = _limits(stacks, scene)
     values = np.stack(list(stacks.values()))
-    steps = STEPS if families >= len(names) else FEW_STEPS
+    steps = STEPS if families >= max(2, len(names)) else FEW_STEPS
     scaled = np.clip(np.round((values - low) / (high - low) * steps), 0, steps)
     known = np.isfinite(values) & scene.mask
     pixels = np.where(known, np.nan_to_num(scaled), _OUTSIDE).astype(np.uint8)
@@ -105,9 +109,15 @@ def shown_samples(run: Run, scenario: str) -> list[int]:
     """Numbers of the samples whose images a page of this run alone shows."""
     families = shown_families(len(run.cells) + len(run.scenarios()))  # with the truth of each
     of = run.samples[run.samples["scenario"] == scenario]
-    cells = {str(name): rows for name, rows in of.groupby("method", sort=False)}
     by = next((name for name in run.kind.ranked_by if name in of and of[name].notna().any()), None)
+    cells = {str(name): _shown_of(rows, by) for name, rows in of.groupby("method", sort=False)}
     return sorted({case["sample"] for case in _shown(_together(cells, by)[1], families)})
+
+
+def _shown_of(cell: pd.DataFrame, by: str | None) -> pd.DataFrame:
+    """The columns of a cell that cases are chosen by, and those that stand below images."""
+    names = dict.fromkeys(("sample", "family", "status", *_BELOW, *([by] if by else ())))
+    return cell[[name for name in names if name in cell]]
 
 
 def _together(
@@ -176,7 +186,7 @@ def _cases(table: pd.DataFrame, by: str) -> list[dict[str, Any]]:
 
 def _figures(table: pd.DataFrame, samples: Sequence[int]) -> dict[str, list[dict[str, Any]]]:
     """Return the status and metrics of each method's image of each sample, by method."""
-    names = [n for n in ("ssim", "cc", "rie", "psnr", "score", "localisation_mm") if n in table]
+    names = [name for name in _BELOW if name in table]
     figures = {}
     for method, cell in table[table["sample"].isin(samples)].groupby("label", sort=False):
         rows = cell.sort_values("sample")

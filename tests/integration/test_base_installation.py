@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -10,11 +11,11 @@ import pytest
 from eitbench.scenarios.extras import EXTRAS
 
 # Python runs it at its start, in workers, too.
-BLOCK = f"""
+BLOCK = """
 import sys
 from importlib.machinery import PathFinder
 
-LACKING = {set(EXTRAS)!r}
+LACKING = set({lacking})
 
 
 class Base(PathFinder):
@@ -32,8 +33,13 @@ sys.meta_path[:] = [Base if finder is PathFinder else finder for finder in sys.m
 @pytest.fixture
 def base(tmp_path: Path) -> Path:
     (tmp_path / "site").mkdir()
-    (tmp_path / "site" / "sitecustomize.py").write_text(BLOCK)
+    lack(tmp_path, EXTRAS)
     return tmp_path
+
+
+def lack(base: Path, libraries: Iterable[str]) -> None:
+    text = BLOCK.replace("{lacking}", repr(list(libraries)))
+    (base / "site" / "sitecustomize.py").write_text(text)
 
 
 def eitbench(base: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -78,6 +84,9 @@ def test_classical_methods_are_run_and_the_others_left_out_with_the_reason(base:
     assert "PyTorch is not installed: pip install 'eitbench[learned]'." in result.stderr
     assert (base / "run" / "leaderboard.csv").read_text().count("noser") == 1
     assert eitbench(base, "leaderboard", "run").returncode == 0
+    lack(base, (module for module, (_, extra) in EXTRAS.items() if extra != "report"))
+    report = eitbench(base, "report", "run", "--out", "page")
+    assert report.returncode == 0, report.stderr
 
 
 @pytest.mark.slow

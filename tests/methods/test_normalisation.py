@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.support.small_sensors import clean_problem, foam, no_split, touch
+from tests.support.small_sensors import clean_problem, foam, touch
 
 from eitbench.methods import Problem, create
+from eitbench.methods.problem import no_split
 from eitbench.scenarios import forward_model, sensor
 from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.recordings.fetch import read_recording

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.support.small_sensors import clean_problem, foam, no_split, touch
+from tests.support.small_sensors import clean_problem, foam, touch
 
 from eitbench.methods import Method, Problem, create
 from eitbench.methods.method import reconstructed
+from eitbench.methods.problem import no_split
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.training_units import TrainingImperfections

@@ -29,8 +29,8 @@ from eitbench.benchmark.metrics.statistics import bootstrap
 from eitbench.methods import Problem
 from eitbench.methods.learned.image_networks import Dnn
 from eitbench.methods.method import reconstructed
+from eitbench.methods.problem import no_split
 from eitbench.methods.training import TrainingRequest, train
-from eitbench.methods.training.samples import no_split
 from eitbench.methods.weights.weight_files import packaged_weights
 from eitbench.scenarios.arrays import Array
 

@@ -50,7 +50,7 @@ from eitbench.benchmark.rundir.manifest import git_commit
 from eitbench.methods.place_method import PlaceProblem
 from eitbench.methods.places.by_image import create_place_method
 from eitbench.methods.places.kernel_ridge import gaussian, kernel_ridge
-from eitbench.methods.training.samples import no_split
+from eitbench.methods.problem import no_split
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.transfer import load_transfer
 from eitbench.scenarios.physics.forward import forward_model

@@ -20,8 +20,8 @@ from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.methods import Problem
 from eitbench.methods.learned.image_networks import Dnn
 from eitbench.methods.method import reconstructed
+from eitbench.methods.problem import no_split
 from eitbench.methods.training import TrainingRequest, train
-from eitbench.methods.training.samples import no_split
 
 BASE = TrainingRequest(
     "dnn", "paper", epochs=8, limit=1500, backbone="unet-small", device="cpu", install="never"

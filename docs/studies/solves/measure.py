@@ -19,7 +19,7 @@ from eitbench.benchmark.metrics.image_metrics import psnr
 from eitbench.benchmark.tuning.selection import selected_parameters
 from eitbench.methods import Problem, create
 from eitbench.methods.method import reconstructed
-from eitbench.methods.training.samples import no_split
+from eitbench.methods.problem import no_split
 from eitbench.scenarios import load
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.suites.suite import scenario_by_name

@@ -21,7 +21,7 @@ from eitbench.benchmark.metrics.statistics import bootstrap
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.image_networks import TrainedMethod
 from eitbench.methods.method import reconstructed
-from eitbench.methods.training.samples import no_split
+from eitbench.methods.problem import no_split
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset
 

@@ -16,8 +16,8 @@ from eitbench.benchmark.metrics.uncertainty import LEVELS, UNCERTAINTY, figures_
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.methods import Problem
 from eitbench.methods.method import DRAWS
+from eitbench.methods.problem import no_split
 from eitbench.methods.registry import create
-from eitbench.methods.training.samples import no_split
 from eitbench.reports.findings.uncertainty import findings
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataCorruptError

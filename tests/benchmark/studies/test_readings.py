@@ -14,7 +14,7 @@ from eitbench.benchmark.studies.readings import (
 from eitbench.benchmark.tuning.selection import selected_parameters
 from eitbench.methods import Problem, create
 from eitbench.methods.method import reconstructed
-from eitbench.methods.training.samples import no_split
+from eitbench.methods.problem import no_split
 from eitbench.scenarios import forward_model, load, load_suite, sensor
 
 PUBLISHED = {"noser": {"rie": 1.2130}}

@@ -8,15 +8,12 @@ import pytest
 
 from eitbench.hardware.emulation.emulated_sensor import RELAXATION_S, EmulatedSensor, Touch
 from eitbench.methods import Problem, create
-from eitbench.scenarios import Dataset, sensor
+from eitbench.methods.problem import no_split
+from eitbench.scenarios import sensor
 from eitbench.scenarios.physics.forward import forward_model
 
 FOAM = sensor("foam16")
 PRESS = Touch(0.07, 0.03, 0.008, 30e3)
-
-
-def _no_split(split: str, limit: int | None) -> Dataset:
-    raise AssertionError((split, limit))
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +31,7 @@ def test_it_is_not_the_model_that_methods_use(emulated: EmulatedSensor) -> None:
 def test_a_touch_appears_where_it_is_made(emulated: EmulatedSensor) -> None:
     reference = np.mean([emulated.frame(1 + k / 10, ()) for k in range(5)], axis=0)
     method = create("noser")
-    method.fit(Problem(FOAM, reference, _no_split))
+    method.fit(Problem(FOAM, reference, no_split))
     (image,) = method.reconstruct(emulated.frame(2.0, [PRESS])[None])
     lowest = np.unravel_index(image.argmin(), image.shape)
     x, y = (centre[lowest] for centre in FOAM.pixel_centres)

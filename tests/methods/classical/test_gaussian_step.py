@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy import linalg
-from tests.support.small_sensors import no_split
 
 from eitbench.methods import Problem
 from eitbench.methods.classical import one_step
@@ -11,6 +10,7 @@ from eitbench.methods.classical.noser import Noser
 from eitbench.methods.classical.one_step import GaussianStep
 from eitbench.methods.classical.tikhonov import Tikhonov
 from eitbench.methods.method import DRAWS
+from eitbench.methods.problem import no_split
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.suites.suite import scenario_by_name
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from tests.support.small_sensors import no_split
 
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.ensemble import NetworkEnsemble
 from eitbench.methods.learned.image_networks import Dnn
 from eitbench.methods.learned.refined import LearnedGaussNewton
 from eitbench.methods.learned.tank_unet import TankUNet
+from eitbench.methods.problem import no_split
 from eitbench.scenarios import sensor
 from eitbench.scenarios.physics.forward import forward_model
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
-from tests.support.small_sensors import TINY, no_split, suite_of, tiny_mse, tiny_problem
+from tests.support.small_sensors import TINY, suite_of, tiny_mse, tiny_problem
 
 from eitbench.cli import main
 from eitbench.methods import Problem, create, methods
@@ -21,6 +21,7 @@ from eitbench.methods.learned import image_network_training
 from eitbench.methods.learned.image_network_training import ImageTask
 from eitbench.methods.learned.image_networks import Dnn, DnnRandomised, ImageNetworkMethod
 from eitbench.methods.method import reconstructed
+from eitbench.methods.problem import no_split
 from eitbench.methods.training import (
     DivergedError,
     Recipe,

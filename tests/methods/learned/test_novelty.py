@@ -9,7 +9,7 @@ from eitbench.methods import Problem
 from eitbench.methods.classical.noser import Noser
 from eitbench.methods.learned.novelty import FrameNovelty
 from eitbench.methods.method import reconstructed
-from eitbench.methods.training.samples import no_split
+from eitbench.methods.problem import no_split
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.imperfections import Imperfections

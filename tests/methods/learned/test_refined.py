@@ -26,9 +26,9 @@ from eitbench.methods.learned.refined import (
 from eitbench.methods.learned.refiner_training import RefinerTask, SpreadTask
 from eitbench.methods.networks.image_network import ImageNetwork
 from eitbench.methods.networks.refiner import LEAST, SOFT, Refiner, SpreadNetwork
+from eitbench.methods.problem import no_split
 from eitbench.methods.training import TrainingInterruptedError, TrainingRequest, train
 from eitbench.methods.training.loop import Data
-from eitbench.methods.training.samples import no_split
 from eitbench.methods.weights import weight_files
 from eitbench.methods.weights.weight_files import WeightFiles
 from eitbench.scenarios import load, sensor

@@ -13,8 +13,7 @@ from eitbench.methods.learned.tank_training import Board
 from eitbench.methods.learned.tank_unet import NOISE, LinearImages, TankUNet
 from eitbench.methods.method import reconstructed
 from eitbench.methods.networks.class_network import ClassNetwork
-from eitbench.methods.problem import Problem
-from eitbench.methods.training.samples import no_split
+from eitbench.methods.problem import Problem, no_split
 from eitbench.scenarios.arrays import nearest_pixels
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.physics.forward import forward_model

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from eitbench.methods.place_method import PlaceProblem
 from eitbench.methods.places.by_image import create_place_method
 from eitbench.methods.places.topographic_map import compressed, disc_of, spread
-from eitbench.methods.training.samples import no_split
+from eitbench.methods.problem import no_split
 from eitbench.scenarios import sensor
 from eitbench.scenarios.data.transfer import Learnable, Presses, load_transfer
 from eitbench.scenarios.similarity import fit_similarity

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from tests.support.small_sensors import no_split
 
 from eitbench.methods import Problem, create
 from eitbench.methods.method import DRAWS
+from eitbench.methods.problem import no_split
 from eitbench.methods.shapes.shape_posterior import ShapePosterior
 from eitbench.methods.weights.weight_files import WeightFiles
 from eitbench.scenarios import load, sensor

@@ -10,9 +10,9 @@ from tests.support.small_sensors import TINY, suite_of
 from eitbench.methods import Problem, create
 from eitbench.methods.learned import image_network_training
 from eitbench.methods.method import reconstructed
+from eitbench.methods.problem import no_split
 from eitbench.methods.training import TrainingRequest, augmentation, train
 from eitbench.methods.training.augmentation import Augmentation, Symmetry, symmetries
-from eitbench.methods.training.samples import no_split
 from eitbench.scenarios import load
 from eitbench.scenarios.data.simulation import clean_frames
 from eitbench.scenarios.imperfections.noise import Noise

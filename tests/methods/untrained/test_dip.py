@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.support.small_sensors import PAIRS, foam, no_split, round_board, touch
+from tests.support.small_sensors import PAIRS, foam, round_board, touch
 
 from eitbench.methods import Problem, create
+from eitbench.methods.problem import no_split
 from eitbench.methods.untrained.dip import Dip
 from eitbench.methods.untrained.network_per_frame import MovingVariance
 from eitbench.scenarios.errors import InputError

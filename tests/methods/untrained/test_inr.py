@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 import torch
-from tests.support.small_sensors import foam, no_split, touch
+from tests.support.small_sensors import foam, touch
 
 from eitbench.methods import Problem, create
 from eitbench.methods.networks.coordinate_network import CoordinateNetwork
+from eitbench.methods.problem import no_split
 from eitbench.methods.untrained.inr import Inr
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model

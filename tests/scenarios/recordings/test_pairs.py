@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.support.pressed_skin import SKIN, pressed_skin
-from tests.support.small_sensors import no_split
 
 from eitbench.benchmark.metrics.evaluation import GroundTruth, evaluate, fit_registration
 from eitbench.hardware.emulation.replay import Replay
@@ -17,6 +16,7 @@ from eitbench.hardware.recording.exchange import (
     write_recording,
 )
 from eitbench.methods import Problem, methods
+from eitbench.methods.problem import no_split
 from eitbench.scenarios import forward_model, sensor
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.recordings import recorded_set
