@@ -103,6 +103,12 @@ class WeightFiles:
     def missing(self, sensor: Sensor) -> str:
         """Return the sentence that there are no weights for `sensor`, and what to do."""
         height, width = sensor.image_shape
+        name = self.file_name(sensor)
+        if (packaged_weights() / name).with_suffix(".json").is_file():
+            return (
+                f"The weights of {self.name!r} for the sensor {sensor.name!r} are too large for a "
+                f"package: copy methods/weights/{name} from the repository to {user_weights()}."
+            )
         return (
             f"{self.name!r} has no weights for the sensor {sensor.name!r} with "
             f"{sensor.n_measurements} measurements on {height} x {width} pixels: train them with "

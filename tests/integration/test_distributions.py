@@ -50,6 +50,8 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     (root,) = (folder / "unpacked").iterdir()
     assert {"LICENSE", "README.md", "pyproject.toml"} <= {path.name for path in root.iterdir()}
     (wheel,) = WheelBuilder(str(root)).build(directory=str(folder), versions=["standard"])
+    # Package indices take no larger file without asking.
+    assert max(Path(wheel).stat().st_size, Path(source).stat().st_size) < 100e6
     return Path(wheel), Path(source)
 
 

@@ -37,6 +37,7 @@ from eitbench.methods.training.loop import Data
 from eitbench.methods.training.losses import image_loss
 from eitbench.methods.weights import weight_files
 from eitbench.scenarios.arrays import Array, Images
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.data.simulation import clean_frames
 from eitbench.scenarios.errors import DataCorruptError, InputError
@@ -143,6 +144,16 @@ def test_the_reference_frame_gives_the_background(trained: TrainingResult) -> No
         method = create(name)
         method.fit(p)
         assert np.abs(method.reconstruct(p.reference[None]) - 1).max() <= allowed
+
+
+def test_who_lacks_weights_that_are_too_large_for_a_package_is_told_where_they_are() -> None:
+    foam = sensor("foam16")
+    name = Dnn.files.file_name(foam)
+    assert "has no weights for the sensor" in Dnn.files.missing(foam)
+    packaged = weight_files.packaged_weights()
+    packaged.mkdir()
+    (packaged / name).with_suffix(".json").write_text("{}")
+    assert f"copy methods/weights/{name} from the repository" in Dnn.files.missing(foam)
 
 
 @pytest.mark.slow
