@@ -15,7 +15,7 @@ from eitbench.scenarios.storage.limits import SPARE, most_bytes
 MOST_COLUMNS = 500
 BYTES_A_ROW = 2**14
 """Texts of a row take some 100 bytes, those of a cell some kB."""
-CODECS = ("SNAPPY", "GZIP", "UNCOMPRESSED")
+CODECS = ("SNAPPY", "BROTLI", "UNCOMPRESSED")
 """Those that we write, in runs and in records, and in pages of small files."""
 
 

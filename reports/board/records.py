@@ -7,7 +7,7 @@ import json
 import re
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -39,7 +39,7 @@ from eitbench.reports.board.further_methods import (
     on_frames_of,
 )
 from eitbench.reports.figures.cases import case_samples
-from eitbench.reports.page.images import shown_samples
+from eitbench.reports.page.images import FEW_STEPS, shown_families, shown_samples
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -57,7 +57,14 @@ SPEEDS = (
 """Columns of cells with a speed of a method or operator, which the load of the machine changes."""
 
 STEPS = 125
-"""Values of an image over the data range of its sensor: images of records are rounded to these."""
+"""Values of an image over the data range of its sensor: images of records are rounded to these; to
+`FEW_STEPS` where there are so many that a page shows no more of them."""
+
+PLACE_STEP = 2**-17
+"""Places in images are rounded to whole steps [m], of 8 um: they are drawn; errors are figures."""
+
+COMPRESSION: dict[str, Any] = {"compression": "brotli", "compression_level": 11}
+"""Of tables: a sixth smaller than gzip makes them."""
 
 
 def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
@@ -99,16 +106,18 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
     staged.mkdir(parents=True)
     if notes:
         atomic_write(staged / NOTES_FILE, json.dumps(notes, indent=1).encode())
-    cells.to_parquet(staged / run.kind.table, index=False)
+    cells.to_parquet(staged / run.kind.table, index=False, **COMPRESSION)
     _write_rounded(samples, staged / SAMPLES)
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     atomic_write(staged / manifest.FILE_NAME, text.encode())
     if run.kind is METHOD_RUNS:  # operators have no images
-        _write_images(run, kept, staged / run.kind.arrays)
+        columns = len(cells) + cells["scenario"].nunique()  # with the truth of each scenario
+        steps = STEPS if shown_families(columns) > 1 else FEW_STEPS
+        _write_images(run, kept, staged / run.kind.arrays, steps)
         if not seen.empty:
             _write_rounded(seen, staged / SEEN_FILE)
         if not found.empty:
-            found.to_parquet(staged / ALARMS_FILE, index=False)
+            found.to_parquet(staged / ALARMS_FILE, index=False, **COMPRESSION)
     staged.rename(out)
     with (out.parent / SUMS).open("a") as sums:
         sums.writelines(sums_of(out))
@@ -140,14 +149,17 @@ def _write_rounded(table: pd.DataFrame, path: Path) -> None:
     """
     numbers = [str(name) for name in table if is_float_dtype(table[name])]
     others = [name for name in table if name not in numbers]
-    table.assign(**{name: rounded(table[name]) for name in numbers}).to_parquet(
+    few = {name: rounded(table[name]) for name in numbers}
+    for name in few.keys() & {"found_x_m", "found_y_m"}:
+        few[name] = np.round(few[name] / PLACE_STEP) * PLACE_STEP
+    table.assign(**few).to_parquet(
         path,
         index=False,
         use_dictionary=others,
         use_byte_stream_split=numbers,
         dictionary_pagesize_limit=2**28,
         write_page_checksum=True,
-        compression="gzip",
+        **COMPRESSION,
     )
 
 
@@ -213,8 +225,8 @@ def _lacking(run: Run, content: manifest.Manifest, cells: pd.DataFrame) -> str:
     return ""
 
 
-def _write_images(run: Run, kept: Run | None, path: Path) -> None:
-    """Write truth and images of the samples that are shown, rounded to `STEPS`.
+def _write_images(run: Run, kept: Run | None, path: Path, steps: int) -> None:
+    """Write truth and images of the samples that are shown, rounded to `steps`.
 
     Beside `kept` images they are of the samples that these are of.
     """
@@ -222,7 +234,7 @@ def _write_images(run: Run, kept: Run | None, path: Path) -> None:
     with h5py.File(path, "w", libver="latest") as out:
         if kept is not None:
             _copy_images(kept, run, out)
-        _add_images(run, out)
+        _add_images(run, out, steps)
 
 
 def _copy_images(kept: Run, run: Run, out: h5py.File) -> None:
@@ -234,7 +246,7 @@ def _copy_images(kept: Run, run: Run, out: h5py.File) -> None:
                 older.copy(f"{scenario}/{name}", out.require_group(scenario))
 
 
-def _add_images(run: Run, out: h5py.File) -> None:
+def _add_images(run: Run, out: h5py.File, steps: int) -> None:
     """Add the images of a run, of the samples whose truth is there if it is."""
     with h5py.File(run.path / run.kind.arrays, "r") as file:
         for scenario in run.scenarios():
@@ -243,7 +255,7 @@ def _add_images(run: Run, out: h5py.File) -> None:
             if scenario in out:
                 shown = set(out[f"{scenario}/{TRUTH}/sample"][:].tolist())
                 groups.remove(TRUTH)
-            step = float(of[TRUTH].attrs["data_range"]) / STEPS
+            step = float(of[TRUTH].attrs["data_range"]) / steps
             for name in sorted(groups):
                 _write_group(of[name], shown, out.create_group(f"{scenario}/{name}"), step)
                 assert name == TRUTH or run.kind.array in out[f"{scenario}/{name}"]

@@ -35,7 +35,7 @@ def test_codecs_are_those_that_arrow_sees(
     assert {name.removesuffix("_RAW") for name in codecs(tmp_path / "a.parquet")} == seen
 
 
-@pytest.mark.parametrize("codec", ["none", "snappy", "gzip"])
+@pytest.mark.parametrize("codec", ["none", "snappy", "brotli"])
 def test_pages_claim_what_their_values_take(codec: str, tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     texts = [f"a text of some length, {k}" for k in range(1000)]
@@ -58,7 +58,7 @@ def test_a_table_without_rows_takes_nothing(table: pa.Table, tmp_path: Path) -> 
 def test_a_page_that_claims_too_much_is_never_unpacked(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     table = pa.table({"text": ["x" * 20_000_000] * 10})
-    pq.write_table(table, path, compression="gzip", use_dictionary=False)
+    pq.write_table(table, path, compression="brotli", use_dictionary=False)
     assert 200_000_000 < unpacked_bytes(path) < 200_001_000
     assert path.stat().st_size < 300_000
     with pytest.raises(ValueError, match="claims to be much larger"):
