@@ -151,7 +151,7 @@ def _write_rounded(table: pd.DataFrame, path: Path) -> None:
     others = [name for name in table if name not in numbers]
     few = {name: rounded(table[name]) for name in numbers}
     for name in few.keys() & {"found_x_m", "found_y_m"}:
-        few[name] = np.round(few[name] / PLACE_STEP) * PLACE_STEP
+        few[name] = np.round(table[name] / PLACE_STEP) * PLACE_STEP
     table.assign(**few).to_parquet(
         path,
         index=False,
