@@ -11,24 +11,31 @@ from eitbench.benchmark import atomic_write, unknown_name
 from eitbench.benchmark.analysis.leaderboard import Row, boards
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.standings import standings
-from eitbench.reports.tables.columns import layout, shown_columns
+from eitbench.reports.tables.columns import Column, Layout, layout, shown_columns
 from eitbench.reports.tables.formats import csv_text, to_html, to_latex, to_markdown
 from eitbench.reports.tables.gaps import tier_text
 from eitbench.reports.tables.references import data_keys
 
 
-def ranked_rows(runs: Sequence[Path]) -> list[Row]:
+def ranked_rows(runs: Sequence[Path], columns: Sequence[str] = ()) -> list[Row]:
     """Return the ranked rows of run directories, those of a scenario together.
 
     They are plain values for JSON; see `Standing.rows`. `why_not` says why there are no ties,
     `cites` holds the keys of suite and recording in the bibliography, with commas, and `tier` the
     tier of a record or submission, with the gap to its hidden set, in words; "" of other runs.
 
+    Args:
+        runs: the directories.
+        columns: names that are looked up before the statistics, which take minutes.
+
     Raises:
-        InputError: a path is no run directory.
+        InputError: a path is no run directory, or there is no such column.
         DataCorruptError: a file of a run is damaged.
     """
     read = [read_run(path) for path in runs]
+    if columns:
+        of = layout({read[0].kind.name: ""})
+        _named(of, of.columns, columns)
     about = {run.path.name: run.manifest for run in read}
     by_name = {run.path.name: run for run in read}
     return [
@@ -92,16 +99,20 @@ def columns_called(rows: Sequence[Row], names: Sequence[str]) -> list[str]:
         return list(names)
     # Two columns may share the first line of a heading, of which a board shows one.
     shown = [column for board in boards(rows) for column in shown_columns(board)]
-    columns = [*shown, *layout(rows[0]).columns]
-    headings = layout(rows[0]).terminal
+    of = layout(rows[0])
+    return _named(of, [*shown, *of.columns], names)
+
+
+def _named(of: Layout, columns: Sequence[Column], names: Sequence[str]) -> list[str]:
+    """Return the `columns` that have these names, titles or headings; the first of several."""
     called: dict[str, str] = {column.name: column.name for column in columns}
     for column in columns:
-        heading = headings.get(column.name, column.title)
+        heading = of.terminal.get(column.name, column.title)
         for text in (column.title, heading.replace("\n", " "), heading.split("\n")[0]):
             called.setdefault(text.casefold(), column.name)
     for name in names:
         if name.casefold() not in called:
-            raise unknown_name("column", name, [column.name for column in layout(rows[0]).columns])
+            raise unknown_name("column", name, [column.name for column in of.columns])
     return [called[name.casefold()] for name in names]
 
 

@@ -35,10 +35,10 @@ def leaderboard(
     from eitbench.reports.tables import leaderboard as reports
     from eitbench.reports.tables.terminal import table
 
-    rows = reports.ranked_rows(runs)
+    names = names_in("--columns", columns)
+    rows = reports.ranked_rows(runs, [*names, *([sort] if sort else [])])
     if not rows:
         warn(f"There are no rows in {', '.join(map(str, runs))}: nothing was finished there.")
-    names = names_in("--columns", columns)
     chosen = reports.chosen_columns(rows, names) if names else []
     if sort is not None:
         rows = reports.sorted_rows(rows, sort)
