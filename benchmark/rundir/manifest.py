@@ -77,24 +77,30 @@ def machine() -> dict[str, str | int | None]:
     }
 
 
+CPUINFO = Path("/proc/cpuinfo")
+
+
 @cache
 def cpu_model() -> str:
-    """The processor's name, with family and model where the system tells them.
+    """The processor's name, with its family and model (or maker and part) where Linux tells them.
 
     Virtual machines give processors of different speed, and of different rounding, one name.
     """
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.is_file():
-        first = cpuinfo.read_text(errors="replace").partition("\n\n")[0]
-        pairs = (line.partition(":") for line in first.splitlines())
-        known = {key.strip(): value.strip() for key, _, value in pairs}
-        if name := known.get("model name"):
-            kind = [f"{key} {known[of]}" for key, of in _KINDS if of in known]
-            return f"{name} ({', '.join(kind)})" if kind else name
-    return platform.processor() or platform.machine()
+    known: dict[str, str] = {}
+    if CPUINFO.is_file():
+        for line in CPUINFO.read_text(errors="replace").splitlines():
+            key, _, value = line.partition(":")
+            if value.strip():  # of several processors the first
+                known.setdefault(key.strip(), value.strip())
+    name = known.get("model name") or platform.processor() or platform.machine()
+    kind = ", ".join(f"{key} {known[of]}" for key, of in _KINDS.items() if of in known)
+    return f"{name} ({kind})" if kind else name
 
 
-_KINDS = (("family", "cpu family"), ("model", "model"))
+_KINDS = {
+    "family": "cpu family", "model": "model", "maker": "CPU implementer", "part": "CPU part",
+}  # fmt: skip
+"""What tells processors apart, by the names that Linux has for it on x86 and on ARM."""
 
 
 def git_commit() -> str | None:

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from eitbench.scenarios.sensors.sensor import Sensor
 
 
+LEFT_OUT = "*-large-*.safetensors"
+"""Weights that packages lack (`exclude` in pyproject.toml); the metadata of these are there."""
+
+
 class Weights(NamedTuple):
     """Weights of a file, with its path and the metadata of their training."""
 
@@ -106,8 +110,9 @@ class WeightFiles:
         name = self.file_name(sensor)
         if (packaged_weights() / name).with_suffix(".json").is_file():
             return (
-                f"The weights of {self.name!r} for the sensor {sensor.name!r} are too large for a "
-                f"package: copy methods/weights/{name} from the repository to {user_weights()}."
+                f"The weights of {self.name!r} for the sensor {sensor.name!r} are in no package, "
+                f"for their size: copy methods/weights/{LEFT_OUT} from the repository to "
+                f"{user_weights()}."
             )
         return (
             f"{self.name!r} has no weights for the sensor {sensor.name!r} with "

@@ -5,11 +5,15 @@ import signal
 import subprocess
 import sys
 import tarfile
+from fnmatch import fnmatch
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 from hatchling.builders.sdist import SdistBuilder
 from hatchling.builders.wheel import WheelBuilder
+
+from eitbench.methods.weights.weight_files import LEFT_OUT
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = "http://127.0.0.1:"
@@ -50,6 +54,7 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     (root,) = (folder / "unpacked").iterdir()
     assert {"LICENSE", "README.md", "pyproject.toml"} <= {path.name for path in root.iterdir()}
     (wheel,) = WheelBuilder(str(root)).build(directory=str(folder), versions=["standard"])
+    assert not any(fnmatch(name, f"*/{LEFT_OUT}") for name in ZipFile(wheel).namelist())
     # Package indices take no larger file without asking.
     assert max(Path(wheel).stat().st_size, Path(source).stat().st_size) < 100e6
     return Path(wheel), Path(source)

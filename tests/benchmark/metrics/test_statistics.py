@@ -203,6 +203,13 @@ def test_signed_ranks_find_what_the_bootstrap_of_medians_misses() -> None:
     assert found["ranks"] > 65 > 50 > found["bootstrap"]
 
 
+def test_means_of_clusters_that_rounding_alone_tells_apart_are_tied() -> None:
+    differences = np.array([0.1, 0.2, 0.3, -0.3, -0.2, -0.1, 0.7, 0.5, 0.9, 0.25])
+    clusters = np.array([0, 0, 0, 1, 1, 1, 2, 3, 4, 5])
+    exact = np.array([20, -20, 70, 50, 90, 25])
+    assert signed_rank(differences, clusters) == signed_rank(exact, np.arange(6))
+
+
 def test_signed_ranks_take_a_cluster_once_and_leave_out_what_is_not_known() -> None:
     rng = np.random.default_rng(1)
     means, clusters = rng.normal(0.4, 1, 30), np.repeat(np.arange(30), 4)

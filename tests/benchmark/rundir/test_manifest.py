@@ -11,6 +11,8 @@ import pytest
 from eitbench.benchmark.rundir import manifest
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
+BARE = platform.processor() or platform.machine()
+
 
 def test_environment_names_versions_and_machine_but_no_host_and_no_user() -> None:
     found = manifest.environment()
@@ -23,6 +25,26 @@ def test_environment_names_versions_and_machine_but_no_host_and_no_user() -> Non
     assert machine["memory_mb"] > 100
     assert not {platform.node(), getpass.getuser()} & {str(value) for value in machine.values()}
     json.dumps(found, allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("\n\nmodel name\t: X\ncpu family\t: 25\nmodel\t\t: 1\n\nmodel name\t: Y\nmodel\t: 2\n",
+         "X (family 25, model 1)"),
+        ("model name: X\ncpu family: 6\nmodel\t: \n", "X (family 6)"),
+        ("processor : 0\n\nmodel name : ARMv7\n", "ARMv7"),
+        ("CPU implementer\t: 0x41\nCPU part\t: 0xd0c\n", f"{BARE} (maker 0x41, part 0xd0c)"),
+        ("", BARE),
+    ],
+)  # fmt: skip
+def test_a_processor_is_named_with_what_tells_it_from_others(
+    text: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(manifest, "CPUINFO", tmp_path / "cpuinfo")
+    assert manifest.cpu_model.__wrapped__() == BARE
+    manifest.CPUINFO.write_text(text)
+    assert manifest.cpu_model.__wrapped__() == expected
 
 
 def test_the_commit_is_that_of_the_checkout() -> None:
