@@ -45,7 +45,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 SUMS = "SHA256SUMS"
-"""Of all records of a version: shows that nobody changed them, with `sha256sum -c SHA256SUMS`."""
+"""Of all records and hidden figures of a version: shows that nobody changed them, with
+`sha256sum -c SHA256SUMS`."""
 
 TIMES = ("frame_ms", "uncertainty_ms", "novelty_ms", "forward_ms", "grad_ms")
 """Columns of samples with what a method or operator took."""
@@ -119,8 +120,7 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
         if not found.empty:
             found.to_parquet(staged / ALARMS_FILE, index=False, **COMPRESSION)
     staged.rename(out)
-    with (out.parent / SUMS).open("a") as sums:
-        sums.writelines(sums_of(out))
+    note_sums(sums_of(out), out.parent)
     return out
 
 
@@ -133,12 +133,21 @@ def _without_paths(content: manifest.Manifest) -> manifest.Manifest:
     return content | again | {"resumed": [entry | again for entry in content["resumed"]]}
 
 
-def sums_of(record: Path) -> list[str]:
-    """Lines of the SHA-256 of the files of a record, as `sha256sum` writes and checks them."""
+def sums_of(folder: Path) -> list[str]:
+    """Lines of the SHA-256 of the files of a record, as `sha256sum` writes and checks them.
+
+    They come by name, those of the folder of hidden figures, too.
+    """
     return [
-        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {record.name}/{path.name}\n"
-        for path in sorted(record.iterdir())
+        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {folder.name}/{path.name}\n"
+        for path in sorted(folder.iterdir())
     ]
+
+
+def note_sums(lines: Sequence[str], version: Path) -> None:
+    """Add lines of `sums_of` to those of a version."""
+    with (version / SUMS).open("a") as sums:
+        sums.writelines(lines)
 
 
 def _write_rounded(table: pd.DataFrame, path: Path) -> None:

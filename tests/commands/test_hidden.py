@@ -1,5 +1,6 @@
 """The commands of hidden sets and of submissions, from a key to a gap and from a run to a tier."""
 
+import hashlib
 import json
 import shutil
 from collections.abc import Callable
@@ -10,6 +11,7 @@ import pytest
 from eitbench.benchmark.submissions import run_checks
 from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.commands.board import VERSION
+from eitbench.reports.board.records import SUMS
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites import suite as suites
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
@@ -76,7 +78,9 @@ def test_from_a_key_to_the_gap_of_a_method(eitbench: Command, tmp_path: Path) ->
     code, out, err = eitbench(*gap, "--record", board / VERSION)
     assert code == 0, err
     assert "no fall found" in out
-    assert (board / VERSION / "hidden" / "quick-1.json").is_file()
+    kept = board / VERSION / "hidden" / "quick-1.json"
+    digest = hashlib.sha256(kept.read_bytes()).hexdigest()
+    assert (board / VERSION / SUMS).read_text() == f"{digest}  hidden/quick-1.json\n"
     code, out, _ = eitbench(*gap, "--json")
     assert json.loads(out)["gaps"][0]["method"] == "noser"
     code, _, err = eitbench(*gap, "--record", board / VERSION)
