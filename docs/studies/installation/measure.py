@@ -42,6 +42,7 @@ def size(folder: Path) -> float:
 
 
 if __name__ == "__main__":
+    about = environment()
     table = pd.DataFrame([measure(extra) for extra in EXTRAS])
     table.to_csv(OUT / "installation.csv", index=False, float_format="%.3g", lineterminator="\n")
-    (OUT / "installation.json").write_text(json.dumps(environment(), indent=1) + "\n")
+    (OUT / "installation.json").write_text(json.dumps(about, indent=1) + "\n")
