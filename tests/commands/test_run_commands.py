@@ -108,7 +108,7 @@ def test_skipped_and_refused_scenarios_are_told_to_people_and_programs(
 def test_a_run_without_rows_is_told(
     tmp_path: Path, eitbench: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(leaderboard, "ranked_rows", lambda runs: [])
+    monkeypatch.setattr(leaderboard, "ranked_rows", lambda runs, columns: [])
     code, out, err = eitbench("leaderboard", tmp_path)
     assert (code, out.strip()) == (0, "")
     assert str(tmp_path) in err
