@@ -14,7 +14,7 @@ from eitbench.benchmark.analysis.results import (
     describe_actions,
     describe_prior_knowledge,
 )
-from eitbench.benchmark.ceiling.record import below_ceiling, has_ceiling
+from eitbench.benchmark.ceiling.record import below_ceiling
 from eitbench.benchmark.metrics.aggregation import aggregate, numbers
 from eitbench.benchmark.metrics.statistics import once
 from eitbench.benchmark.rundir.kinds import RunKind
@@ -230,7 +230,7 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame, known: Row) -> Row:
 
 def _below_ceiling(scenario: str, cell: pd.DataFrame) -> Row:
     found = None
-    if "psnr" in cell and "input_hash" in cell and has_ceiling(scenario):
+    if "psnr" in cell and "input_hash" in cell:
         psnr, clusters = numbers(cell, "psnr"), cell.get("cluster", cell["sample"])
         found = below_ceiling(scenario, list(cell["input_hash"]), psnr, list(clusters))
     ends = ("below_ceiling_db", "below_ceiling_db_low", "below_ceiling_db_high")

@@ -237,8 +237,8 @@ def _ranks_of_valid(board: Sequence[Entry], by: str | None) -> list[int | None]:
     values = []
     for entry in board:
         valid = entry.cell["status"] == "ok"
-        known = entry.row[by] if valid.all() else figure_of(entry.cell[valid], spec)
-        values.append(np.nan if known is None else known)
+        figure = entry.row[by] if valid.all() else figure_of(entry.cell[valid], spec)
+        values.append(np.nan if figure is None else figure)
     keys = [(not is_whole(e.row), -spec.sign * v) for e, v in zip(board, values, strict=True)]
     known = [key for key in keys if np.isfinite(key[1])]
     return [1 + sum(other < key for other in known) if key in known else None for key in keys]

@@ -54,18 +54,12 @@ def _known_by(hashes: Sequence[str]) -> list[str]:
     return [of[:FRAME_DIGITS] for of in hashes]
 
 
-def has_ceiling(scenario: str) -> bool:
-    """True if some frames of a scenario are recorded."""
-    return scenario in _stored()[2]
-
-
 def below_ceiling(
     scenario: str, hashes: Sequence[str], psnr: Array, clusters: Sequence[str]
 ) -> Interval | None:
     """How far the mean squared error of a method is above that of the ceiling [dB].
 
-    On the frames that both have, of a scenario that `has_ceiling`; None where fewer than
-    `MIN_CLUSTERS` clusters are left.
+    On the frames that both have; None where fewer than `MIN_CLUSTERS` clusters are left.
 
     Args:
         scenario: name.
@@ -73,7 +67,9 @@ def below_ceiling(
         psnr: (n,) [dB] of the method.
         clusters: (n,) see `bootstrap`.
     """
-    known = _stored()[2][scenario]
+    known = _stored()[2].get(scenario)
+    if known is None:
+        return None
     least = known.reindex(_known_by(hashes)).to_numpy(np.float64)
     both = np.isfinite(least) & np.isfinite(psnr)
     drawn_with = np.asarray(clusters)[both]

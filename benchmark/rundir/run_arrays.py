@@ -161,8 +161,9 @@ def read_estimates(
     Raises:
         DataCorruptError: the file holds nothing of this method, or is damaged.
     """
-    with _groups(path, scenario, TRUTH, method) as (truth, group):
-        shape = own_dataset(truth, "mask", MAX_PIXELS**2).shape
+    with _group(path, scenario, TRUTH) as group:
+        shape = own_dataset(group, "mask", MAX_PIXELS**2).shape
+    with _group(path, scenario, method) as group:
         numbers = _numbers(group, n)
         stored = own_dataset(group, "conductivity", 4 * n * math.prod(shape))
         if stored.shape != (len(numbers), *shape):
@@ -288,27 +289,17 @@ def read_responses(
 @contextmanager
 def _group(path: Path, scenario: str, name: str) -> Iterator[h5py.Group]:
     """Open a group of the file at `path`; damage of any kind is one sentence."""
-    with _groups(path, scenario, name) as (group,):
-        yield group
-
-
-@contextmanager
-def _groups(path: Path, scenario: str, *names: str) -> Iterator[list[h5py.Group]]:
-    """Open groups of a scenario in the file at `path`; damage of any kind is one sentence."""
     try:
         with h5py.File(path, "r") as file:
-            groups = []
-            for name in names:
-                group = file
-                for part in (scenario, name):
-                    if not isinstance(group.get(part, getlink=True), h5py.HardLink):
-                        raise DataCorruptError(
-                            f"{path} holds no images of {name!r} on scenario {scenario!r}: resume "
-                            "the run."
-                        )
-                    group = group[part]
-                groups.append(group)
-            yield groups
+            group = file
+            for part in (scenario, name):
+                if not isinstance(group.get(part, getlink=True), h5py.HardLink):
+                    raise DataCorruptError(
+                        f"{path} holds no images of {name!r} on scenario {scenario!r}: resume the "
+                        "run."
+                    )
+                group = group[part]
+            yield group
     except EitbenchError:
         raise
     # HDF5 fails in whatever way the damage leads to.
