@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from fnmatch import fnmatch
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -108,7 +109,8 @@ class WeightFiles:
         """Return the sentence that there are no weights for `sensor`, and what to do."""
         height, width = sensor.image_shape
         name = self.file_name(sensor)
-        if (packaged_weights() / name).with_suffix(".json").is_file():
+        trained = (packaged_weights() / name).with_suffix(".json").is_file()
+        if trained and fnmatch(name, LEFT_OUT):
             return (
                 f"The weights of {self.name!r} for the sensor {sensor.name!r} are in no package, "
                 f"for their size: copy methods/weights/{LEFT_OUT} from the repository to "

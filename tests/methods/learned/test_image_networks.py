@@ -19,7 +19,7 @@ from eitbench.cli import main
 from eitbench.methods import Problem, create, methods
 from eitbench.methods.learned import image_network_training
 from eitbench.methods.learned.image_network_training import ImageTask
-from eitbench.methods.learned.image_networks import Dnn, DnnRandomised, ImageNetworkMethod
+from eitbench.methods.learned.image_networks import Dnn, DnnLarge, DnnRandomised, ImageNetworkMethod
 from eitbench.methods.method import reconstructed
 from eitbench.methods.problem import no_split
 from eitbench.methods.training import (
@@ -147,13 +147,14 @@ def test_the_reference_frame_gives_the_background(trained: TrainingResult) -> No
 
 
 def test_who_lacks_weights_that_are_too_large_for_a_package_is_told_where_they_are() -> None:
-    foam = sensor("foam16")
-    name = Dnn.files.file_name(foam)
-    assert "has no weights for the sensor" in Dnn.files.missing(foam)
-    packaged = weight_files.packaged_weights()
+    foam, packaged = sensor("foam16"), weight_files.packaged_weights()
+    assert "has no weights for the sensor" in DnnLarge.files.missing(foam)
     packaged.mkdir()
-    (packaged / name).with_suffix(".json").write_text("{}")
-    assert "copy methods/weights/*-large-*.safetensors from the rep" in Dnn.files.missing(foam)
+    for network in (Dnn, DnnLarge):
+        (packaged / network.files.file_name(foam)).with_suffix(".json").write_text("{}")
+    where = "copy methods/weights/*-large-*.safetensors from the repository"
+    assert where in DnnLarge.files.missing(foam)
+    assert where not in Dnn.files.missing(foam)
 
 
 @pytest.mark.slow
