@@ -120,7 +120,7 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
         if not found.empty:
             found.to_parquet(staged / ALARMS_FILE, index=False, **COMPRESSION)
     staged.rename(out)
-    note_sums(sums_of(out), out.parent)
+    note_sums(sorted(out.iterdir()))
     return out
 
 
@@ -134,20 +134,22 @@ def _without_paths(content: manifest.Manifest) -> manifest.Manifest:
 
 
 def sums_of(folder: Path) -> list[str]:
-    """Lines of the SHA-256 of the files of a record, as `sha256sum` writes and checks them.
+    """Lines of the SHA-256 of the files of a record, or of hidden figures, by name.
 
-    They come by name, those of the folder of hidden figures, too.
+    They are as `sha256sum` writes and checks them.
     """
-    return [
-        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {folder.name}/{path.name}\n"
-        for path in sorted(folder.iterdir())
-    ]
+    return [_sum_of(path) for path in sorted(folder.iterdir())]
 
 
-def note_sums(lines: Sequence[str], version: Path) -> None:
-    """Add lines of `sums_of` to those of a version."""
-    with (version / SUMS).open("a") as sums:
-        sums.writelines(lines)
+def note_sums(paths: Sequence[Path]) -> None:
+    """Add new files of one folder of a version to its sums."""
+    with (paths[0].parents[1] / SUMS).open("a") as sums:
+        sums.writelines(map(_sum_of, paths))
+
+
+def _sum_of(path: Path) -> str:
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return f"{digest}  {path.parent.name}/{path.name}\n"
 
 
 def _write_rounded(table: pd.DataFrame, path: Path) -> None:

@@ -98,13 +98,13 @@ def gap(
     from eitbench.benchmark.analysis.results import read_run
     from eitbench.benchmark.submissions.hidden import hidden_record, write_hidden
     from eitbench.commands.tables import gaps_table
-    from eitbench.reports.board.records import note_sums, sums_of
+    from eitbench.reports.board.records import note_sums
     from eitbench.reports.tables.gaps import gaps_note
 
     found = hidden_record(read_run(open_run), read_run(hidden_run))
     path = None if record is None else write_hidden(found, record)
-    if path is not None and record is not None:
-        note_sums([line for line in sums_of(path.parent) if path.name in line], record)
+    if path is not None:
+        note_sums([path])
     if as_json:
         print_json(found.model_dump(mode="json"))
         return
