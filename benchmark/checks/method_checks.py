@@ -12,7 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.benchmark.checks.harness import GivenUpError, SkippedError, require
-from eitbench.benchmark.checks.method_under_test import CONTRAST, MethodUnderTest, disc
+from eitbench.benchmark.checks.method_under_test import (
+    CONTRAST,
+    MEMORY_MIB,
+    MethodUnderTest,
+    disc,
+)
 from eitbench.benchmark.workers.audit_hook import Kind
 from eitbench.benchmark.workers.messages import BROKEN_CONTRACT
 from eitbench.benchmark.workers.method_service import Frames
@@ -58,13 +63,6 @@ Twice leaves room for a method that follows noise more closely where there is mo
 
 MONOTONE = 1.25
 """Allowed growth of the noise of images where that of frames falls (two draws)."""
-
-MEMORY_MIB = 4.0
-"""Allowed growth of memory, which allocators keep for later.
-
-It is two huge pages of Linux. A method that keeps its images of 40 x 40 pixels grows by 7 MiB over
-600 frames; a slow one is asked for fewer, so that it has to keep more of each to be found.
-"""
 
 OTHER_DRAWS = 0.3
 """Allowed relative change of deviations by other draws: those of 39 vary by 1 / sqrt(2 * 38)."""

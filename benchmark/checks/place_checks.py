@@ -3,13 +3,13 @@
 import numpy as np
 
 from eitbench.benchmark.checks.harness import BrokenError, require
+from eitbench.benchmark.checks.method_under_test import MEMORY_MIB
 from eitbench.benchmark.checks.place_under_test import PlaceUnderTest
 from eitbench.benchmark.workers.audit_hook import Kind
 from eitbench.benchmark.workers.method_service import Frames
 
 SAME_MM = 1e-2
 """Sums in another order, and iterations that stop at a tolerance, move a place by less."""
-MEMORY_MIB = 4.0
 OTHER_SEED = 12345
 LEARNED = 0.7
 """Share of the error of guessing that a method may keep after 60 labelled presses."""
