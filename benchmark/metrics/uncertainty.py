@@ -13,6 +13,7 @@ Soc. 140(683), 2014 (of few draws); Hamill, Mon. Weather Rev. 129(3), 2001 (rank
 
 import json
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -177,13 +178,13 @@ def normal_draws(images: NDArray[np.floating[Any]], deviations: Array) -> NDArra
 
 
 def figures_of_draws(
-    truth: Array, draws: Array, image: Array, data_range: float
+    truth: Array, draws: NDArray[np.floating[Any]], image: Array, data_range: float
 ) -> dict[str, NDArray[np.float64]]:
     """Figures of one frame from its pixels inside the sensor.
 
     Args:
-        truth: (P,) true conductivity [S/m], rounded as draws are kept, so that equal values are.
-        draws: (K, P) [S/m].
+        truth: (P,) true conductivity [S/m], rounded as draws are, so that equal values are.
+        draws: (K, P) [S/m], which are rounded to single precision.
         image: (P,) the estimate [S/m].
         data_range: [S/m].
 
@@ -192,16 +193,15 @@ def figures_of_draws(
         those below all draws; `sparsified` is the mean |p - t| of the pixels left at each of
         `REMOVED`, by stated deviation and by error itself.
     """
-    count = len(draws)
-    middle = draws.mean(axis=0)
-    distance, squares, apart, below, upto = _of_pixels(truth, draws, middle)
+    draws, count = draws.astype(np.float32, copy=False), len(draws)
+    middle = draws.mean(axis=0, dtype=np.float64)
+    distance, squares, apart, below, upto, span = _of_pixels(truth, draws, middle, _network(count))
     crps = distance / count - apart / (count * (count - 1))
     spread = np.sqrt(np.mean(squares / (count - 1)))
     missed = np.sqrt(np.mean((middle - truth) ** 2))
     errors = np.abs(image - truth)
-    by_both = np.stack([left_over(errors, np.sqrt(squares / count)), left_over(errors, errors)])
+    by_both = np.stack([left_over(errors, squares), _means_of_least(np.sort(errors))])
     area, whole = float(np.mean(by_both[0] - by_both[1])), float(errors.mean())
-    span = np.maximum(draws.max(axis=0), truth) - np.minimum(draws.min(axis=0), truth)
     ranked = span > SPREAD * data_range
     return {
         "crps": crps.mean(),
@@ -213,47 +213,96 @@ def figures_of_draws(
     }
 
 
-_TILE = 128  # pixels, whose draws fit into the first cache
+@cache
+def _network(count: int) -> NDArray[np.int64]:
+    """Pairs (m, 2) of places that sort `count` values if each is put in order, one after the other.
+
+    Batcher's odd-even merge sort: Knuth, The Art of Computer Programming, vol. 3, 5.2.2, algorithm
+    M. It has no branches, so that the draws of many pixels are sorted side by side.
+    """
+    pairs = []
+    top = 1 << max(0, (count - 1).bit_length() - 1)
+    p = top
+    while p > 0:
+        q, r, d = top, 0, p
+        while True:
+            pairs += [(i, i + d) for i in range(count - d) if i & p == r]
+            if q == p:
+                break
+            d, q, r = q - p, q // 2, p
+        p //= 2
+    return np.array(pairs, np.int64).reshape(-1, 2)
+
+
+_FEW = 4  # draws of a sensor of the usual size, which fit into the second cache
+_TILE = 128  # pixels, whose draws in single precision fit into the first cache
 
 
 @compiled
 def _of_pixels(
-    truth: Array, draws: Array, middle: Array
-) -> tuple[Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]:
+    truth: Array, draws: NDArray[np.float32], middle: Array, network: NDArray[np.int64]
+) -> tuple[Array, Array, Array, Array, Array, Array]:
     """Sums (P,) over the `draws` (K, P) of each pixel, with their mean `middle` (P,), all in S/m.
 
     Of distances from the truth [S/m], of squared distances from the mean [(S/m)^2], and of
     distances between each two of them [S/m]; then the number of draws below the truth, and of those
-    not above it.
+    not above it, and what truth and draws span [S/m]. The `network` sorts K values.
     """
     count, pixels = draws.shape
     distance, squares, apart = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)
-    below, upto = np.zeros(pixels, np.int64), np.zeros(pixels, np.int64)
+    below, upto, span = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)
+    # Integers of the same bits are in the same order, and are compared eight at once.
+    bits = np.zeros((count, _TILE), np.int32)
+    ordered = bits.view(np.float32)
     for start in range(0, pixels, _TILE):
         tile = slice(start, min(start + _TILE, pixels))
-        true, mean, both = truth[tile], middle[tile], apart[tile]
-        for i in range(count):
-            drawn = draws[i, tile]
-            for p in range(len(drawn)):
-                distance[start + p] += abs(drawn[p] - true[p])
-                squares[start + p] += (drawn[p] - mean[p]) ** 2
-                below[start + p] += drawn[p] < true[p]
-                upto[start + p] += drawn[p] <= true[p]
-            for j in range(i):
-                other = draws[j, tile]
-                for p in range(len(drawn)):
-                    both[p] += abs(drawn[p] - other[p])
-    return distance, squares, apart, below, upto
+        true, mean = truth[tile], middle[tile]
+        ordered[:, : len(true)] = draws[:, tile]
+        _turn_negative(bits)
+        for k in range(len(network)):
+            low, high = bits[network[k, 0]], bits[network[k, 1]]
+            for p in range(_TILE):
+                low[p], high[p] = min(low[p], high[p]), max(low[p], high[p])
+        _turn_negative(bits)
+        from_true, from_mean, both = distance[tile], squares[tile], apart[tile]
+        less, not_more, spans = below[tile], upto[tile], span[tile]
+        for k in range(count):
+            # Of values in order, each is the larger one of k pairs, and the lesser one of the rest.
+            drawn, median, weight = ordered[k], ordered[count // 2], 2.0 * k - count + 1
+            for p in range(len(true)):
+                value = np.float64(drawn[p])
+                from_true[p] += abs(value - true[p])
+                from_mean[p] += (value - mean[p]) ** 2
+                # Less the median, so that equal draws have no distance at all.
+                both[p] += weight * (value - np.float64(median[p]))
+            for p in range(len(true)):
+                value = np.float64(drawn[p])
+                less[p] += 1.0 if value < true[p] else 0.0
+                not_more[p] += 1.0 if value <= true[p] else 0.0
+        for p in range(len(true)):
+            most = max(np.float64(ordered[count - 1, p]), true[p])
+            spans[p] = most - min(np.float64(ordered[0, p]), true[p])
+    return distance, squares, apart, below, upto, span
 
 
-def rank_shares(below: NDArray[np.int64], upto: NDArray[np.int64], count: int) -> Array:
+@compiled
+def _turn_negative(bits: NDArray[np.int32]) -> None:
+    """Turn round the order of negative numbers, of which integers of the same bits fall."""
+    for k in range(len(bits)):
+        row = bits[k]
+        for p in range(len(row)):
+            row[p] ^= (row[p] >> 31) & 0x7FFFFFFF
+
+
+def rank_shares(below: Array, upto: Array, count: int) -> Array:
     """Share (count + 1,) of pixels by the rank of the truth among `count` draws.
 
     `below` and `upto` (P,) are the number of draws less than the truth of each, and of those not
     greater. A truth that equals draws has all ranks between with equal parts. NaN without pixels.
     """
     part = 1 / (upto - below + 1)
-    steps = np.bincount(below, part, count + 2) - np.bincount(upto + 1, part, count + 2)
+    first, behind = below.astype(np.int64), upto.astype(np.int64) + 1
+    steps = np.bincount(first, part, count + 2) - np.bincount(behind, part, count + 2)
     return np.cumsum(steps)[:-1] / len(part) if len(part) else np.full(count + 1, np.nan)
 
 
@@ -267,8 +316,13 @@ def left_over(errors: Array, by: Array) -> Array:
     first = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
     counts = np.diff(np.r_[first, len(by)])
     kept = np.repeat(np.add.reduceat(errors[order], first) / counts, counts)
-    left = np.maximum(1, np.round((1 - REMOVED) * len(kept)).astype(int))
-    return np.asarray(np.cumsum(kept)[left - 1] / left)
+    return _means_of_least(kept)
+
+
+def _means_of_least(ordered: Array) -> Array:
+    """Mean of the first values of `ordered` (P,), as many as are left at each of `REMOVED`."""
+    left = np.maximum(1, np.round((1 - REMOVED) * len(ordered)).astype(int))
+    return np.asarray(np.cumsum(ordered)[left - 1] / left)
 
 
 def coverages(ranks: Array) -> dict[str, Array]:
@@ -329,12 +383,12 @@ def kept_of_draws(
     pixels = np.flatnonzero(sensor.mask)
     for n, of in enumerate(draws):
         if placed:
-            contrast = of.astype(np.float64)
-            contrast -= sensor.background
-            kept["places"][n] = locate(contrast, sensor)
-        inside = of.reshape(len(of), -1).take(pixels, axis=1).astype(np.float64)
+            for few in range(0, DRAWS, _FEW):  # arrays of all draws would leave the cache
+                contrast = of[few : few + _FEW].astype(np.float64) - sensor.background
+                kept["places"][n, few : few + _FEW] = locate(contrast, sensor)
+        inside = of.reshape(len(of), -1).take(pixels, axis=1)
         if truth is None:
-            kept["sharpness"][n] = np.sqrt(inside.var(axis=0, ddof=1).mean())
+            kept["sharpness"][n] = np.sqrt(inside.var(axis=0, ddof=1, dtype=np.float64).mean())
         else:
             found = figures_of_draws(
                 truth[n, sensor.mask].astype(np.float32).astype(np.float64),

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import label
 
 from eitbench.scenarios.arrays import Array, Mask
+from eitbench.scenarios.compiling import compiled
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -124,29 +125,52 @@ def locate(contrast: ArrayLike, sensor: Sensor) -> Array:
     image's largest; taking the excess makes it change continuously with the image. NaN where the
     contrast is constant. Errors as those of `contacts`.
     """
-    _, magnitude, peak = _standing_out(contrast, sensor)
-    weight = magnitude  # in place: new arrays of many images take longer than what is done to them
-    weight -= AMPLITUDE_FRACTION * peak[:, None, None]
-    np.maximum(weight, 0.0, out=weight)
-    weight[peak == 0] = 0.0
+    values = np.asarray(contrast, dtype=np.float64)
+    _require_sound(values, sensor)
+    weight = _excess(values, sensor.mask)
     total = weight.sum(axis=(1, 2))
     place = np.stack([np.tensordot(weight, c, axes=2) for c in sensor.pixel_centres], axis=-1)
     place[total == 0] = np.nan
     return np.asarray(place / np.where(total > 0, total, 1.0)[:, None])
 
 
+@compiled
+def _excess(contrast: Array, mask: Mask) -> Array:
+    """|contrast| in excess of a quarter of the largest of each image (n, H, W), 0 if constant."""
+    excess = np.zeros_like(contrast)
+    for n in range(len(contrast)):
+        least, most = np.inf, -np.inf
+        for i in range(mask.shape[0]):
+            for j in range(mask.shape[1]):
+                value = contrast[n, i, j]
+                least = min(least, value) if mask[i, j] else least
+                most = max(most, value) if mask[i, j] else most
+        if not least < most:
+            continue
+        quarter = AMPLITUDE_FRACTION * max(abs(least), abs(most))
+        for i in range(mask.shape[0]):
+            for j in range(mask.shape[1]):
+                if mask[i, j]:
+                    excess[n, i, j] = max(abs(contrast[n, i, j]) - quarter, 0.0)
+    return excess
+
+
 def _standing_out(contrast: ArrayLike, sensor: Sensor) -> tuple[Array, Array, Array]:
     """Contrast and |contrast| (n, H, W), 0 outside the sensor, and its peak (n,), 0 if constant."""
     values = np.where(sensor.mask, np.asarray(contrast, dtype=np.float64), 0.0)
-    if values.ndim != 3:
-        raise InputError(f"Contrast must have shape (n, H, W), got {np.shape(contrast)}.")
-    if not np.isfinite(values).all():
-        raise InputError("Contrast must be finite inside the sensor: leave such frames out.")
+    _require_sound(values, sensor)
     magnitude = np.abs(values)
     peak = magnitude.max(axis=(1, 2), initial=0.0)
     if len(values):
         peak[is_constant(values, sensor.mask)] = 0.0
     return values, magnitude, peak
+
+
+def _require_sound(contrast: Array, sensor: Sensor) -> None:
+    if contrast.ndim != 3:
+        raise InputError(f"Contrast must have shape (n, H, W), got {contrast.shape}.")
+    if not (np.isfinite(contrast) | ~sensor.mask).all():
+        raise InputError("Contrast must be finite inside the sensor: leave such frames out.")
 
 
 def is_constant(images: ArrayLike, mask: Mask | None = None) -> Mask:

@@ -57,10 +57,11 @@ def test_the_true_posterior_has_the_least_crps() -> None:
         assert figures_of_draws(*wrong, np.zeros(PIXELS), 1.0)["crps"] > 1.01 * right
 
 
-def test_crps_is_its_formula_for_draws_of_few_values() -> None:
+@pytest.mark.parametrize("count", [2, 3, 8, DRAWS])
+def test_crps_is_its_formula_for_draws_of_few_values(count: int) -> None:
     rng = np.random.default_rng(11)
-    draws, truth = rng.integers(0, 5, (DRAWS, 300)) / 7, rng.integers(0, 5, 300) / 7
-    apart = np.abs(draws[:, None] - draws[None]).sum(axis=(0, 1)) / (2 * DRAWS * (DRAWS - 1))
+    draws, truth = rng.integers(-2, 3, (count, 3000)) / 8, rng.integers(-2, 3, 3000) / 8
+    apart = np.abs(draws[:, None] - draws[None]).sum(axis=(0, 1)) / (2 * count * (count - 1))
     exact = np.abs(draws - truth).mean(axis=0) - apart
     found = figures_of_draws(truth, draws, truth, 1.0)
     assert found["crps"] == pytest.approx(exact.mean(), rel=1e-12)
