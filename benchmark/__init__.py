@@ -2,6 +2,7 @@
 
 from eitbench.scenarios.arrays import nearest_pixels
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError, unknown_name
+from eitbench.scenarios.interrupts import end_with_parent
 from eitbench.scenarios.similarity import Similarity
 from eitbench.scenarios.storage.atomic_write import atomic_write
 
@@ -11,6 +12,7 @@ __all__ = [
     "InputError",
     "Similarity",
     "atomic_write",
+    "end_with_parent",
     "nearest_pixels",
     "unknown_name",
 ]

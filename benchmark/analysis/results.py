@@ -125,6 +125,15 @@ class Run:
         cells = self.samples.groupby(["scenario", "method"], sort=False)
         return {(str(s), str(m)): cell for (s, m), cell in cells}
 
+    @cached_property
+    def parameters(self) -> dict[tuple[str, str], Any]:
+        """Parameters that were not the defaults, by scenario and method (or operator)."""
+        return {
+            (cell.get("scenario"), cell.get("name")): cell["parameters"]
+            for cell in self.manifest.get("cells", ())
+            if cell.get("variant") == "" and cell.get("parameters")
+        }
+
     def scene(self, scenario: str, samples: Sequence[int]) -> Scene:
         """Read what is known of a scenario, with the truth of the given samples.
 

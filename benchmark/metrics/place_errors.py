@@ -79,7 +79,8 @@ def _presses(cell: pd.DataFrame) -> tuple[NDArray[np.bool_], Array, Array]:
     """Rows (n,) of single presses with known places, their errors (n,) [mm] and places (n, 2)."""
     names = ["localisation_mm", "expected_x_m", "expected_y_m"]
     values = np.full((len(cell), 3), np.nan)
-    if all(name in cell for name in names):
+    # Tables of images hold these columns, too, with nothing in the last ones.
+    if all(name in cell for name in names) and not np.isnan(numbers(cell, names[-1])).all():
         values = np.stack([numbers(cell, name) for name in names], axis=1)
     known = ~np.isnan(values).any(axis=1)
     if known.any() and "farthest_contact_mm" in cell and cell["farthest_contact_mm"].notna().any():

@@ -1,6 +1,6 @@
 """The kinds of runs: they rank methods by images or by places, or forward operators."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
@@ -36,6 +36,14 @@ class RunKind:
     costs: tuple[str, ...]
     facts: tuple[str, ...]
     ranked_by: tuple[str, ...]
+
+    def __reduce__(self) -> tuple[Callable[[str], "RunKind"], tuple[str]]:
+        """Name it: in another process it is one of `RUN_KINDS`, too, and no copy of it."""
+        return _kind_of, (self.table,)
+
+
+def _kind_of(table: str) -> RunKind:
+    return next(kind for kind in RUN_KINDS.values() if kind.table == table)
 
 
 METHOD_RUNS = RunKind(

@@ -5,6 +5,7 @@ How sure it is, the fastest of its equals, what ranks, what it was trained on, a
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from eitbench.benchmark.analysis.leaderboard import is_whole
@@ -44,8 +45,7 @@ def answer(board: BoardData, boards: Sequence[BoardData] = ()) -> str:
     if not interval:
         return printable(f"{where}, {first['label']} is first: {figure}.{_beside(board, boards)}")
     figure += interval
-    pairs = [pair for pair in board["pairs"] if pair["first"] == 0]
-    tied = [rows[pair["second"]] for pair in pairs if pair["p"] >= SIGNIFICANT]
+    tied = _tied(board)
     if not tied:
         return printable(
             f"{where}, {first['label']} is the best: {figure}. {_lead(board, column)}"
@@ -56,6 +56,48 @@ def answer(board: BoardData, boards: Sequence[BoardData] = ()) -> str:
         f"{where}, {first['label']} is first with {figure}, but cannot be told apart from "
         f"{names}{_fastest(board, [first, *tied])}.{_beside(board, boards)}"
     )
+
+
+def summary(boards: Sequence[BoardData]) -> list[str]:
+    """Say of the methods, and of the operators, on how many boards each is among the best.
+
+    Where too few samples are independent for a test, the first alone counts.
+    """
+    found = []
+    for kind in dict.fromkeys(board["kind"] for board in boards):
+        ranked = [
+            board
+            for board in boards
+            if board["kind"] == kind
+            and board["views"][0]["rows"][0].get(board["ranked_by"]) is not None
+        ]
+        best = Counter(
+            str(row["label"])
+            for board in ranked
+            for row in (board["views"][0]["rows"][0], *_tied(board))
+        )
+        if best:
+            (label, most), *others = best.most_common()
+            told = [f"{name} on {count}" for name, count in others[:_MOST_NAMES]]
+            if rest := others[_MOST_NAMES:]:
+                told.append(
+                    f"{len(rest)} other {kind}{'s' * (len(rest) > 1)} on at most {rest[0][1]}"
+                )
+            also = f"; {_listed(told)}" if told else ""
+            found.append(
+                printable(
+                    f"Of {len(ranked)} scenarios, {label} is the best, or cannot be told apart "
+                    f"from the best, on {most}{also}."
+                )
+            )
+    return found
+
+
+def _tied(board: BoardData) -> list[Row]:
+    """The rows that cannot be told apart from the first; none where nothing is tested."""
+    rows = board["views"][0]["rows"]
+    pairs = [pair for pair in board["pairs"] if pair["first"] == 0]
+    return [rows[pair["second"]] for pair in pairs if pair["p"] >= SIGNIFICANT]
 
 
 def _interval(column: Column, low: float, high: float) -> str:

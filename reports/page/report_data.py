@@ -501,11 +501,8 @@ def _command(run: Run, row: Row) -> str:
     for plugin in plan.get("plugins", ()):
         if name in plugin["names"]:
             words += ["--plugin", Path(plugin["path"]).name]
-    for cell in run.manifest.get("cells", ()):
-        of = (cell.get("scenario"), cell.get("name"), cell.get("variant"))
-        if of == (row["scenario"], name, "") and cell.get("parameters"):
-            given = json.dumps({name: cell["parameters"]}, default=str)
-            words += ["--parameters", given]
+    if (given := run.parameters.get((row["scenario"], name))) is not None:
+        words += ["--parameters", json.dumps({name: given}, default=str)]
     return shlex.join(words)
 
 

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.commands.results import app as results
 from eitbench.reports.figures.style import STYLE
-from eitbench.reports.page.answer import answer
+from eitbench.reports.page.answer import answer, summary
 from eitbench.reports.page.images import FEW_STEPS, STEPS, packed_images, unpacked
 from eitbench.reports.page.paper import (
     comparison,
@@ -107,6 +107,41 @@ def test_the_answer_says_how_far_ahead_the_best_is(build: Any, dataset_of: Any) 
     said = answer(report_data([build.write()])["boards"][0])
     assert re.search(r"good is the best: S [\d.]+ \(95 %: [\d.]+ to [\d.]+\)\.", said)
     assert re.search(r"ahead of poor by [\d.]+ \([\d.]+ to [\d.]+; p < 0.001\)\.", said)
+
+
+def test_many_answers_begin_with_how_often_each_method_is_among_the_best(
+    build: Any, dataset_of: Any, made_once: Path
+) -> None:
+    for k in range(7):
+        shares = {"a": 0.9, "b": 0.5, "c": 0.4} if k < 4 else {"a": 0.5, "b": 0.9, "c": 0.4}
+        build.add_scaled(dataset_of("conductivity", 12, f"s{k}"), shares)
+    found = report_data([build.write()])
+    assert summary(found["boards"]) == [
+        "Of 7 scenarios, a is the best, or cannot be told apart from the best, on 4; b on 3."
+    ]
+    page = to_page(found)
+    assert page.index("Of 7 scenarios") < page.index("<details") < page.index("On bench / s0")
+    few = report_data([made_once])
+    (tied,) = summary(few["boards"])
+    assert re.search(r"(as-)?good is the best, .* on 1; (as-)?good on 1\.$", tied)
+    assert tied not in to_page(few)
+
+
+@pytest.mark.slow
+def test_the_report_of_many_samples_is_that_of_few_made_by_two_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = Path(__file__).parents[3] / "reports" / "board" / "2026.2" / "quick"
+    written, _ = write_report([record], tmp_path / "one")
+    monkeypatch.setattr("eitbench.reports.page.report.MANY_SAMPLES", 0)
+    again, _ = write_report([record], tmp_path / "two")
+    names = [path.relative_to(tmp_path / "one") for path in written]
+    assert [path.relative_to(tmp_path / "two") for path in again] == names
+    assert any(name.stem == "uncertainty" for name in names)
+    for name in names:
+        if name.suffix in (".md", ".csv", ".tex", ".html", ".svg"):
+            one, two = ((tmp_path / each / name).read_bytes() for each in ("one", "two"))
+            assert one == two, name
 
 
 TRAINED = {
