@@ -361,6 +361,7 @@ def test_reasons_are_texts_by_method(tmp_path: Path) -> None:
         reasons(tmp_path)
 
 
+@pytest.mark.slow
 def test_methods_that_come_later_stand_beside_the_rows_of_the_record_before(
     record: Path, tmp_path: Path
 ) -> None:
@@ -409,6 +410,7 @@ def test_methods_that_come_later_stand_beside_the_rows_of_the_record_before(
     assert [of["cells"] for of in last.manifest["added"]] == [["n/greit"], ["n/tikhonov"]]
 
 
+@pytest.mark.slow
 def test_a_scenario_that_is_run_again_leaves_the_others_as_they_were(tmp_path: Path) -> None:
     second = SCENARIO.model_copy(update={"name": "m", "families": ("triangle",), "test": 12})
     suite = SUITE.model_copy(update={"scenarios": (SCENARIO, second)})
@@ -435,6 +437,7 @@ def test_a_scenario_that_is_run_again_leaves_the_others_as_they_were(tmp_path: P
         assert np.array_equal(one, other) == (scenario == "n")
 
 
+@pytest.mark.slow
 def test_rows_of_a_scenario_that_changed_are_not_taken(tmp_path: Path) -> None:
     """Nor are scenarios and methods that the suite has no more."""
     second = SCENARIO.model_copy(update={"name": "m", "test": 6})

@@ -91,7 +91,9 @@ def test_a_misbehaving_method_fails_and_the_check_goes_on(name: str, toys: Path)
             "set-up failed with ValueError: no licence for this sensor.",
             'in fit\n    raise ValueError("no licence',
         ),
-        ("toy-hangs", "shape", "reconstruct took longer than 10 s.", ""),
+        pytest.param(
+            "toy-hangs", "shape", "reconstruct took longer than 10 s.", "", marks=pytest.mark.slow
+        ),
         ("toy-raises", "shape", "RuntimeError: the sky is falling.", "in fail"),
         ("toy-shape", "shape", "reconstruct returned an array of shape", ""),
         ("toy-mutates", "unchanged_input", "reconstruct changed its input in place.", ""),

@@ -17,6 +17,8 @@ from eitbench.methods import Method, register
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.recordings.quality import check
 
+pytestmark = pytest.mark.slow
+
 PLACE = (0.03, 0.06)
 
 
@@ -74,7 +76,6 @@ def opened(browser: Any, served: Any) -> Iterator[Callable[..., Page]]:
         assert set(page.requests) == {page.address}
 
 
-@pytest.mark.slow
 def test_images_move_and_their_rate_is_shown(opened: Any, board: Any) -> None:
     page = opened()
     assert page.page.inner_text("#board") == "emulator"
@@ -154,7 +155,6 @@ class Slow(Method):
         return np.ones((len(voltages), 80, 80))
 
 
-@pytest.mark.slow
 def test_a_method_that_is_slower_than_the_board_is_said(opened: Any) -> None:
     page = opened()
     Slow.go.clear()
@@ -224,7 +224,6 @@ def test_on_a_phone_recording_needs_no_scrolling(opened: Any) -> None:
         assert box["y"] + box["height"] < 812
 
 
-@pytest.mark.slow
 def test_a_recording_made_on_the_page_is_sound_and_whole(
     opened: Any, board: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -267,7 +266,6 @@ def test_the_reference_is_reset(opened: Any, board: Any) -> None:
     page.page.wait_for_selector("#untouched", state="visible")
 
 
-@pytest.mark.slow
 def test_an_emulated_board_is_pressed_and_switched_off(opened: Any) -> None:
     """The whole way: emulated sensor, protocol, serial device, server, page."""
     emulator = make_emulator(None, "teensy", None, 2.0)

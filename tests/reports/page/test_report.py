@@ -109,6 +109,7 @@ def test_the_answer_says_how_far_ahead_the_best_is(build: Any, dataset_of: Any) 
     assert re.search(r"ahead of poor by [\d.]+ \([\d.]+ to [\d.]+; p < 0.001\)\.", said)
 
 
+@pytest.mark.slow
 def test_many_answers_begin_with_how_often_each_method_is_among_the_best(
     build: Any, dataset_of: Any, made_once: Path
 ) -> None:
