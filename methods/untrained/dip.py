@@ -24,10 +24,10 @@ class Dip(NetworkPerFrame):
     source: ClassVar[str] = "Liu et al., IEEE Trans. Pattern Anal. Mach. Intell. 45(8), 2023"
     expected_failures: ClassVar = asymmetry("its random network has no symmetry")
     name: ClassVar = "dip"
-    learning_rate: ClassVar[float] = 0.016
-    window: ClassVar[int] = 55
+    learning_rate: ClassVar[float] = 0.013
+    window: ClassVar[int] = 65
 
-    steps: int = 110
+    steps: int = 130
 
     def network(self) -> nn.Module:
         """Return a decoder with a fixed random input."""

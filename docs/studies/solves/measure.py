@@ -36,7 +36,7 @@ METHODS: tuple[tuple[str, Mapping[str, int]], ...] = (
     *(("gauss-newton-noser", {"steps": steps}) for steps in (1, 2, 5)),
     *(("gauss-newton-tv", {"steps": steps}) for steps in (1, 2, 6)),
     *(("shape-posterior", {"particles": count}) for count in (100, 200)),
-    ("dip", {"steps": 50}),
+    ("dip", {}),
 )
 
 
