@@ -24,7 +24,7 @@ test slow: export PYTHONDONTWRITEBYTECODE =
 test: $(STAMPS)/test  ## install what tests need and run them
 	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
 
-slow: $(STAMPS)/test  ## the tests of seconds to a minute, half an hour in all
+slow: $(STAMPS)/test  ## the tests of seconds to a minute, half an hour in all; a job of its own in CI
 	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder -m "slow and not nightly"
 
 nightly: $(STAMPS)/test  ## the tests that take minutes to hours

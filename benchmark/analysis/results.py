@@ -129,7 +129,7 @@ class Run:
     def parameters(self) -> dict[tuple[str, str], Any]:
         """Parameters that were not the defaults, by scenario and method (or operator)."""
         return {
-            (cell.get("scenario"), cell.get("name")): cell["parameters"]
+            (str(cell.get("scenario")), str(cell.get("name"))): cell["parameters"]
             for cell in self.manifest.get("cells", ())
             if cell.get("variant") == "" and cell.get("parameters")
         }

@@ -116,6 +116,8 @@ def random_state(tested: PlaceUnderTest) -> None:
 def memory(tested: PlaceUnderTest) -> str:
     """Memory does not grow."""
     calls, mib = tested.answer(tuple[int, float], "repeat", tested.differences)
+    if mib > MEMORY_MIB:
+        calls, mib = tested.answer(tuple[int, float], "repeat", tested.differences, calls)
     said = f"memory grows by {max(mib, 0.0):.2g} MiB over {calls} presses"
     require(mib <= MEMORY_MIB, f"{said}; {MEMORY_MIB:g} is allowed.")
     return f"{said}; {MEMORY_MIB:g} is allowed."

@@ -161,9 +161,9 @@ class PlaceTestService(PlaceService):
             return reply
         return Reply({"fit": fitting, "locate": asking}, reply.seconds)
 
-    def repeat(self, differences: Frames) -> Reply:
+    def repeat(self, differences: Frames, again: int = 0) -> Reply:
         """Return how often a press was located, and how memory grew by it [MiB]."""
-        return memory_growth(lambda: self.locate(differences[:1]))
+        return memory_growth(lambda: self.locate(differences[:1]), again)
 
     def _other(self, labelled: bool) -> PlaceService:
         given = self.given if labelled else replace(self.given, labelled=self.given.labelled[:0])

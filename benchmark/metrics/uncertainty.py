@@ -383,7 +383,7 @@ def kept_of_draws(
     pixels = np.flatnonzero(sensor.mask)
     for n, of in enumerate(draws):
         if placed:
-            for few in range(0, DRAWS, _FEW):  # arrays of all draws would leave the cache
+            for few in range(0, len(of), _FEW):  # arrays of all draws would leave the cache
                 contrast = of[few : few + _FEW].astype(np.float64) - sensor.background
                 kept["places"][n, few : few + _FEW] = locate(contrast, sensor)
         inside = of.reshape(len(of), -1).take(pixels, axis=1)

@@ -85,7 +85,9 @@ def open_submission(path: Path, *, jobs: int = 1) -> Submission:
     """
     run = read_run(path)
     if not run.whole:
-        raise InputError(f"{path} is a record, with images of few samples: check its run.")
+        raise InputError(
+            f"{path} is a record, with images of few samples: give the run that it was made of."
+        )
     if run.kind != METHOD_RUNS:
         raise InputError(f"{path} holds no images: a submission is a run of imaging methods.")
     try:

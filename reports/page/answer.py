@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from eitbench.reports.page.report_data import BoardData
 
 _MOST_NAMES = 3
+_MOST_FIRST = 5
 
 
 def answer(board: BoardData, boards: Sequence[BoardData] = ()) -> str:
@@ -59,37 +60,34 @@ def answer(board: BoardData, boards: Sequence[BoardData] = ()) -> str:
 
 
 def summary(boards: Sequence[BoardData]) -> list[str]:
-    """Say of the methods, and of the operators, on how many boards each is among the best.
+    """Say on how many boards each method, and each operator, is among the first.
 
-    Where too few samples are independent for a test, the first alone counts.
+    Boards of one row, or without a row of all samples, say nothing. Where too few samples are
+    independent for a test, the first alone counts.
     """
     found = []
     for kind in dict.fromkeys(board["kind"] for board in boards):
-        ranked = [
-            board
-            for board in boards
-            if board["kind"] == kind
-            and board["views"][0]["rows"][0].get(board["ranked_by"]) is not None
-        ]
-        best = Counter(
-            str(row["label"])
-            for board in ranked
-            for row in (board["views"][0]["rows"][0], *_tied(board))
-        )
-        if best:
-            (label, most), *others = best.most_common()
-            told = [f"{name} on {count}" for name, count in others[:_MOST_NAMES]]
-            if rest := others[_MOST_NAMES:]:
-                told.append(
-                    f"{len(rest)} other {kind}{'s' * (len(rest) > 1)} on at most {rest[0][1]}"
-                )
-            also = f"; {_listed(told)}" if told else ""
-            found.append(
-                printable(
-                    f"Of {len(ranked)} scenarios, {label} is the best, or cannot be told apart "
-                    f"from the best, on {most}{also}."
-                )
+        first, ran = Counter[str](), Counter[str]()
+        for board in boards:
+            rows, by = board["views"][0]["rows"], board["ranked_by"]
+            if board["kind"] != kind or len(rows) < 2:
+                continue
+            if is_whole(rows[0]) and rows[0].get(by) is not None:
+                ran.update({str(row[kind]) for row in rows})
+                first.update({str(row[kind]) for row in (rows[0], *_tied(board))})
+        if not first:
+            continue
+        order = sorted(first, key=lambda name: (-first[name], ran[name], name))
+        told = [f"{name} on {first[name]} of {ran[name]}" for name in order[:_MOST_FIRST]]
+        if rest := order[_MOST_FIRST:]:
+            told.append(f"{len(rest)} other{'s' * (len(rest) > 1)} on at most {first[rest[0]]}")
+        listed = told[0] if len(told) == 1 else f"{', '.join(told[:-1])} and {told[-1]}"
+        found.append(
+            printable(
+                f"First, or not to be told apart from the first, of the scenarios that each {kind} "
+                f"ran on: {listed}."
             )
+        )
     return found
 
 
@@ -111,7 +109,8 @@ def _beside(board: BoardData, boards: Sequence[BoardData]) -> str:
     if (below := first.get("below_ceiling_db")) is not None:
         parts.append(f"In mean squared error, these frames allow {max(below, 0):.1f} dB more.")
     if board["ranked_by"] == "score":
-        parts.append(f"S is {score_weights()['psnr']:.0%} decibels (PSNR).".replace("%", " %"))
+        share = f"{score_weights()['psnr']:.0%}".replace("%", " %")
+        parts.append(f"PSNR has {share} of the weight in S.")
     if first.get("training"):
         parts.append(f"{first['label']} needs training data: {first['training']}.")
     elif first.get("training") == "":

@@ -6,10 +6,12 @@ import json
 import os
 import re
 import time
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import cache
 from importlib.resources import files
-from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -36,6 +38,7 @@ from eitbench.reports.page.report_data import (
     BoardData,
     ReportData,
     counted_data,
+    largest,
     report_of,
 )
 from eitbench.reports.tables.columns import printable
@@ -59,30 +62,53 @@ def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]
         EitbenchError: the files cannot be written.
     """
     read = [read_run(run) for run in runs]
-    many = sum(len(run.samples) for run in read) > MANY_SAMPLES
-    pool = joblib.Parallel(
-        2 if many else 1, return_as="generator", initializer=end_with_parent, max_nbytes=None
-    )
-    try:
-        # Findings, with their figures, take almost half of the time.
-        beside = pool([joblib.delayed(_written_findings)(read, out)])
-        report = report_of(read)
-        ((found, of_findings),) = beside
+    report, found, of_findings = _both_parts(read, out)
+    with _naming(out):
         written = [out / PAGE]
         links = _code_links(report, runs, out)
         page = to_page(report, links, found)
         atomic_write(written[0], page.encode())
         written += write_paper(report, out) + of_findings
-    except OSError as error:
-        raise EitbenchError(f"Could not write the report into {out}: {error.strerror}.") from error
     return written, report["missing"]
+
+
+def _both_parts(runs: Sequence[Run], out: Path) -> tuple[ReportData, list[Finding], list[Path]]:
+    """Return what a report shows, the findings of `runs`, and their files, written into `out`.
+
+    Findings with their figures take almost half of the time: of many samples another process makes
+    them, if it can.
+    """
+    if sum(len(run.samples) for run in runs) <= MANY_SAMPLES:
+        return report_of(runs), *_written_findings(runs, out)
+    with warnings.catch_warnings():
+        # Of an error here, joblib would say that the other process was not waited for.
+        warnings.filterwarnings("ignore", "[0-9]+ tasks which were still being processed")
+        pool = joblib.Parallel(2, return_as="generator", initializer=end_with_parent)
+        beside = pool([joblib.delayed(_written_findings)(runs, out)])
+        try:
+            report = report_of(runs)
+            ((found, files),) = beside
+        except BrokenProcessPool:  # killed, as by a lack of memory for two
+            found, files = _written_findings(runs, out)
+        finally:
+            beside.close()
+    return report, found, files
 
 
 def _written_findings(runs: Sequence[Run], out: Path) -> tuple[list[Finding], list[Path]]:
     """Write the findings of `runs` into `out`; return them, and the files."""
     found = findings(runs)
-    files = [one.write(out / "tables", out / "figures") for one in found]
-    return found, list(chain.from_iterable(files))
+    with _naming(out):
+        files = [file for one in found for file in one.write(out / "tables", out / "figures")]
+    return found, files
+
+
+@contextmanager
+def _naming(out: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise EitbenchError(f"Could not write the report into {out}: {error.strerror}.") from error
 
 
 def _code_links(report: ReportData, runs: Sequence[Path], out: Path) -> dict[str, str]:
@@ -128,7 +154,7 @@ def to_page(
         version=__version__,
         findings=found,
         answers=[answer(board, report["boards"]) for board in report["boards"]],
-        summary=summary(report["boards"]),
+        summary=summary(largest(report["boards"])),
         methods=methods,
         counted_data=counted_data(report["boards"]),
         code_links=code_links,

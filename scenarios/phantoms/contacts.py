@@ -157,8 +157,9 @@ def _excess(contrast: Array, mask: Mask) -> Array:
 
 def _standing_out(contrast: ArrayLike, sensor: Sensor) -> tuple[Array, Array, Array]:
     """Contrast and |contrast| (n, H, W), 0 outside the sensor, and its peak (n,), 0 if constant."""
-    values = np.where(sensor.mask, np.asarray(contrast, dtype=np.float64), 0.0)
-    _require_sound(values, sensor)
+    given = np.asarray(contrast, dtype=np.float64)
+    _require_sound(given, sensor)
+    values = np.where(sensor.mask, given, 0.0)
     magnitude = np.abs(values)
     peak = magnitude.max(axis=(1, 2), initial=0.0)
     if len(values):
@@ -167,8 +168,9 @@ def _standing_out(contrast: ArrayLike, sensor: Sensor) -> tuple[Array, Array, Ar
 
 
 def _require_sound(contrast: Array, sensor: Sensor) -> None:
-    if contrast.ndim != 3:
-        raise InputError(f"Contrast must have shape (n, H, W), got {contrast.shape}.")
+    if contrast.ndim != 3 or contrast.shape[1:] != sensor.mask.shape:
+        height, width = sensor.mask.shape
+        raise InputError(f"Contrast must have shape (n, {height}, {width}), got {contrast.shape}.")
     if not (np.isfinite(contrast) | ~sensor.mask).all():
         raise InputError("Contrast must be finite inside the sensor: leave such frames out.")
 

@@ -117,14 +117,15 @@ def test_many_answers_begin_with_how_often_each_method_is_among_the_best(
         shares = {"a": 0.9, "b": 0.5, "c": 0.4} if k < 4 else {"a": 0.5, "b": 0.9, "c": 0.4}
         build.add_scaled(dataset_of("conductivity", 12, f"s{k}"), shares)
     found = report_data([build.write()])
-    assert summary(found["boards"]) == [
-        "Of 7 scenarios, a is the best, or cannot be told apart from the best, on 4; b on 3."
-    ]
+    said = (
+        "First, or not to be told apart from the first, of the scenarios that each method ran on: "
+    )
+    assert summary(found["boards"]) == [f"{said}a on 4 of 7 and b on 3 of 7."]
     page = to_page(found)
-    assert page.index("Of 7 scenarios") < page.index("<details") < page.index("On bench / s0")
+    assert page.index(said) < page.index("<details") < page.index("On bench / s0")
     few = report_data([made_once])
     (tied,) = summary(few["boards"])
-    assert re.search(r"(as-)?good is the best, .* on 1; (as-)?good on 1\.$", tied)
+    assert tied == f"{said}as-good on 1 of 1 and good on 1 of 1."
     assert tied not in to_page(few)
 
 
@@ -185,7 +186,7 @@ def test_the_answer_says_what_ranks_what_was_trained_and_where_the_best_loses(
     boards = report_data([several_once])["boards"]
     said = answer(boards[0], boards)
     assert "net is the best" in said
-    assert "S is 93 % decibels (PSNR)." in said
+    assert "PSNR has 93 % of the weight in S." in said
     assert (
         "net needs training data: weights trained once with seed 0 on 24,000 samples; trained "
         "on the families of the test phantoms." in said
