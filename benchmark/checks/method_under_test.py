@@ -21,6 +21,7 @@ from threadpoolctl import threadpool_limits
 from eitbench.benchmark.checks.harness import (
     BrokenError,
     CheckWorker,
+    SkippedError,
     answered,
     images_of,
     require,
@@ -170,9 +171,13 @@ class MethodUnderTest:
 
         Raises:
             BrokenError: its shape is wrong, see `Method`.
+            SkippedError: its uncertainty, which is asked for first, is broken.
         """
         references = _of_each(self.reference, frames)
-        said = answered(self.worker.request("reconstruct_and_state", frames, references))
+        reply = self.worker.request("reconstruct_and_state", frames, references)
+        if what == "novelty" and reply.failure and reply.failure.message.startswith("uncertainty"):
+            raise SkippedError("what it states of its uncertainty is broken.")
+        said = answered(reply)
         stated: NDArray[np.float32] | None = said.get(what) if isinstance(said, dict) else None
         return stated
 
