@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -121,7 +121,7 @@ class MethodService(FrameService):
 
         The method is asked for the frames of one reference frame at once.
         """
-        return self._images(frames, references, stating=False)
+        return self._images(frames, references, stating=())
 
     def reconstruct_and_state(self, frames: Frames, references: Frames) -> Reply:
         """Return the same with what the method states beside, if it states anything.
@@ -129,13 +129,13 @@ class MethodService(FrameService):
         Then the value has the `images`, the `uncertainty` (n, H, W) or (n, DRAWS, H, W), the
         `novelty` (n,), all in float32, and the `seconds` that each of the latter two took.
         """
-        return self._images(frames, references, stating=True)
+        return self._images(frames, references, stating=("uncertainty", "novelty"))
 
-    def _images(self, frames: Frames, references: Frames, *, stating: bool) -> Reply:
+    def _images(self, frames: Frames, references: Frames, *, stating: Sequence[str]) -> Reply:
         assert self._method is not None
         whole = self.sensor.image_shape
         images, seconds = [np.empty((0, *whole), np.float32)], 0.0
-        statements = self._statements() if stating else {}
+        statements = {name: of for name, of in self._statements().items() if name in stating}
         stated: dict[str, list[NDArray[np.float32]]] = {name: [] for name in statements}
         more = dict.fromkeys(statements, 0.0)
         for rows in same_reference(references):

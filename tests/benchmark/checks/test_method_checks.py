@@ -36,6 +36,7 @@ BROKEN = {
     "contract-diverging": {"noise_growth"},
     "contract-overconfident": {"noise_growth"},
     "contract-threads": {"threads"},
+    "contract-late": set(),
     "contract-doubts": set(),
     "contract-wary": set(),
     "contract-compares": {"novelty"},

@@ -235,6 +235,19 @@ class Keeps(Sound):
         return self.made[-1]
 
 
+@register("contract-late")
+class Late(Sound):
+    """Takes a large workspace once, long after the first frame, and keeps it."""
+
+    asked = 0
+
+    def reconstruct(self, voltages: Array) -> Array:
+        self.asked += 1
+        if self.asked == 300:
+            self.workspace = np.ones(2**20)
+        return super().reconstruct(voltages)
+
+
 @register("contract-doubts")
 class Doubts(Sound):
     """Keeps every promise, that on its uncertainty, too."""
