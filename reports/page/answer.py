@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from eitbench.benchmark.analysis.leaderboard import Row
     from eitbench.reports.page.report_data import BoardData
 
+MOST_ANSWERS = 3
+"""Of more scenarios there is one answer for all."""
 _MOST_NAMES = 3
 _MOST_FIRST = 5
 
@@ -46,7 +48,7 @@ def answer(board: BoardData, boards: Sequence[BoardData] = ()) -> str:
     if not interval:
         return printable(f"{where}, {first['label']} is first: {figure}.{_beside(board, boards)}")
     figure += interval
-    tied = _tied(board)
+    tied = tied_with_first(board)
     if not tied:
         return printable(
             f"{where}, {first['label']} is the best: {figure}. {_lead(board, column)}"
@@ -74,7 +76,7 @@ def summary(boards: Sequence[BoardData]) -> list[str]:
                 continue
             if is_whole(rows[0]) and rows[0].get(by) is not None:
                 ran.update({str(row[kind]) for row in rows})
-                first.update({str(row[kind]) for row in (rows[0], *_tied(board))})
+                first.update({str(row[kind]) for row in (rows[0], *tied_with_first(board))})
         if not first:
             continue
         order = sorted(first, key=lambda name: (-first[name], ran[name], name))
@@ -91,7 +93,7 @@ def summary(boards: Sequence[BoardData]) -> list[str]:
     return found
 
 
-def _tied(board: BoardData) -> list[Row]:
+def tied_with_first(board: BoardData) -> list[Row]:
     """The rows that cannot be told apart from the first; none where nothing is tested."""
     rows = board["views"][0]["rows"]
     pairs = [pair for pair in board["pairs"] if pair["first"] == 0]

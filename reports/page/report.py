@@ -28,7 +28,7 @@ from eitbench.reports.figures.critical_difference import to_png
 from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_MAP, STYLE
 from eitbench.reports.findings.collect import findings
 from eitbench.reports.findings.finding import Finding
-from eitbench.reports.page.answer import answer, summary
+from eitbench.reports.page.answer import MOST_ANSWERS, answer, summary
 from eitbench.reports.page.images import FEW_STEPS, pack
 from eitbench.reports.page.paper import board_maps, overall_figure, write_paper
 from eitbench.reports.page.rendering import asset, render
@@ -155,6 +155,7 @@ def to_page(
         findings=found,
         answers=[answer(board, report["boards"]) for board in report["boards"]],
         summary=summary(largest(report["boards"])),
+        most_answers=MOST_ANSWERS,
         methods=methods,
         counted_data=counted_data(report["boards"]),
         code_links=code_links,

@@ -15,7 +15,7 @@ from eitbench.benchmark.analysis.results import failures
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
 from eitbench.benchmark.submissions.hidden import is_retired, published_keys, read_hidden
 from eitbench.benchmark.submissions.tiers import is_ranked, tier
-from eitbench.reports.page.answer import answer
+from eitbench.reports.page.answer import MOST_ANSWERS, answer, summary, tied_with_first
 from eitbench.reports.page.report_data import counted_data
 from eitbench.reports.site.edition import Edition, SuitePart, method_file, name_of
 from eitbench.reports.tables.boards import lacking
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from eitbench.benchmark.analysis.overall import WinsRow
     from eitbench.reports.page.report_data import BoardData
 
-MOST_ANSWERS, MOST_TABLES = 3, 8
-"""Suites of more scenarios are summed up; a page of all their tables would be slow to open."""
+MOST_TABLES = 8
+"""Of suites of more scenarios: a page of all their tables would be slow to open."""
 WORST = 5  # scenarios that a method's page lists of those on which it does worst
 
 
@@ -132,7 +132,7 @@ def brief_answers(suite: SuitePart) -> list[str]:
         column = layout(rows[0]).column(board["ranked_by"])
         if column is None or rows[0].get(board["ranked_by"]) is None:
             continue
-        tied = [p for p in board["pairs"] if p["first"] == 0 and p["p"] >= SIGNIFICANT]
+        tied = tied_with_first(board)
         others = "method" if len(tied) == 1 else "methods"
         apart = f", not told apart from {len(tied)} other {others}" if tied else ""
         lines.append(
@@ -149,17 +149,7 @@ def answers(suite: SuitePart) -> list[str]:
     boards = suite.report["boards"]
     if len(boards) <= MOST_ANSWERS:
         return [answer(board, boards) for board in boards]
-    rows = suite.report["overall"].get("||", {"rows": []})["rows"]
-    if not rows:
-        return []
-    first = rows[0]
-    return [
-        printable(
-            f"Over {len(suite.boards)} scenarios, {first['method']} has the best mean rank, "
-            f"{_with_ends(first, 'rank', '.2f')} of {len(rows)}, and it is the best on "
-            f"{first['wins']:.0%} of them."
-        )
-    ]
+    return summary(suite.boards)
 
 
 def summary_table(suite: SuitePart) -> Table | None:
