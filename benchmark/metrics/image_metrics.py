@@ -5,14 +5,13 @@ Truth `t` and estimate `p` are absolute conductivity (n, H, W) [S/m] on the same
 `eitbench.benchmark.metrics.specs` declares what every metric means.
 """
 
-import os
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from itertools import chain, pairwise
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eitbench.benchmark.metrics.threads import for_each, threads_for
 from eitbench.scenarios.arrays import Array, Mask
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import is_constant
@@ -23,10 +22,7 @@ WINDOW = 7
 PSNR_CEILING_DB = float(-20 * np.log10(np.finfo(np.float32).eps))
 """138.5 dB: estimates are kept in float32, so a smaller error than its rounding means nothing."""
 
-# Blocks of images small enough for the processor's cache; more threads than this gain nothing,
-# because they wait for each other between two short array operations.
-_BLOCK = 10
-_MAX_THREADS = 4
+_BLOCK = 10  # images, small enough for the processor's cache
 
 
 def ssim(
@@ -66,7 +62,7 @@ def ssim(
             f"{height} x {width} pixels has no such place: use a finer image grid."
         )
     values = np.empty(n)
-    threads = max(1, min(_MAX_THREADS, os.cpu_count() or 1, -(-n // _BLOCK)))
+    threads = threads_for(-(-n // _BLOCK))
     shares = pairwise(n * k // threads for k in range(threads + 1))
 
     def fill(block: slice) -> None:
@@ -75,10 +71,7 @@ def ssim(
         maps = np.pad(found, (0, len(x) - len(found))).reshape(-1, weights.size)
         values[block] = maps @ weights.ravel()
 
-    # NumPy works on the blocks outside the interpreter lock.
-    with ThreadPoolExecutor(threads) as pool:
-        blocks = (_blocks(start, stop, _BLOCK) for start, stop in shares)
-        list(pool.map(fill, chain.from_iterable(blocks)))
+    for_each(fill, [block for share in shares for block in _blocks(*share, _BLOCK)])
     return values
 
 

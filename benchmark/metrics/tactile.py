@@ -99,22 +99,37 @@ def edges_and_artefacts(
     reach = EDGE_ZONE * diameter(sensor)
     edge, artefacts = np.full(len(truth), np.nan), np.full(len(truth), np.nan)
     for n in np.unique(contacts.image):
-        contact = contacts.region[n] != 0
+        window = _window(contacts.region[n], reach, pixel)
+        region, mask = contacts.region[n][window], sensor.mask[window]
+        contact = region != 0
         outside, nearest = distance_transform_edt(~contact, pixel, return_indices=True)
         inside = distance_transform_edt(contact, pixel)
-        sign = contacts.region[n][tuple(nearest)]  # of the contact that a pixel belongs to
-        inner = contact & (inside <= reach) & sensor.mask
-        outer = ~contact & (outside <= reach) & sensor.mask
-        far = (outside > reach) & sensor.mask
+        sign = region[tuple(nearest)]  # of the contact that a pixel belongs to
+        inner = contact & (inside <= reach) & mask
+        outer = ~contact & (outside <= reach) & mask
         if not outer.any():
             continue
         step, whole = (
-            (sign * image[n])[inner].mean() - (sign * image[n])[outer].mean()
+            (sign * image[n][window])[inner].mean() - (sign * image[n][window])[outer].mean()
             for image in (estimate, truth)
         )
         edge[n] = step / whole
+        far = sensor.mask.copy()
+        far[window] &= outside > reach
         artefacts[n] = np.linalg.norm(estimate[n][far]) / np.linalg.norm(truth[n][sensor.mask])
     return edge, artefacts
+
+
+def _window(
+    region: NDArray[np.int8], reach: float, pixel: tuple[float, float]
+) -> tuple[slice, ...]:
+    """The part of an image that holds its contacts with all pixels within `reach` [m] of them."""
+    window = []
+    for axis, size in enumerate(pixel):
+        there = np.flatnonzero(region.any(axis=1 - axis))
+        more = int(reach / size) + 1
+        window.append(slice(max(0, there[0] - more), there[-1] + more + 1))
+    return tuple(window)
 
 
 def force(images: NDArray[np.floating], sensor: Sensor) -> Array:

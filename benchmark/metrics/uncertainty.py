@@ -21,6 +21,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
+from eitbench.benchmark.metrics.threads import for_each
 from eitbench.methods.method import DRAWS
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.compiling import compiled
@@ -171,22 +172,28 @@ def normal_draws(images: NDArray[np.floating[Any]], deviations: Array) -> NDArra
     Each pixel varies on its own.
     """
     offsets = np.random.default_rng(0).standard_normal((DRAWS, *images.shape[1:]))
-    draws = np.empty((len(images), *offsets.shape), np.float32)
+    draws, exact = np.empty((len(images), *offsets.shape), np.float32), np.empty(offsets.shape)
     for n, image in enumerate(images):  # arrays of all frames would leave the cache
-        draws[n] = image + deviations[n] * offsets
+        np.multiply(deviations[n], offsets, out=exact)
+        draws[n] = np.add(image, exact, out=exact)
     return draws
 
 
 def figures_of_draws(
-    truth: Array, draws: NDArray[np.floating[Any]], image: Array, data_range: float
+    truth: Array,
+    draws: NDArray[np.floating[Any]],
+    image: Array,
+    data_range: float,
+    pixels: NDArray[np.intp] | None = None,
 ) -> dict[str, NDArray[np.float64]]:
     """Figures of one frame from its pixels inside the sensor.
 
     Args:
         truth: (P,) true conductivity [S/m], rounded as draws are, so that equal values are.
-        draws: (K, P) [S/m], which are rounded to single precision.
+        draws: (K, P) or with more pixels [S/m], which are rounded to single precision.
         image: (P,) the estimate [S/m].
         data_range: [S/m].
+        pixels: (P,) those of the draws; all by default.
 
     Returns:
         By name, as `STORED` has them: `ranks` is the share of pixels with each rank, from 0 for
@@ -194,8 +201,10 @@ def figures_of_draws(
         `REMOVED`, by stated deviation and by error itself.
     """
     draws, count = draws.astype(np.float32, copy=False), len(draws)
-    middle = draws.mean(axis=0, dtype=np.float64)
-    distance, squares, apart, below, upto, span = _of_pixels(truth, draws, middle, _network(count))
+    chosen = np.arange(len(truth)) if pixels is None else pixels
+    middle, distance, squares, apart, below, upto, span = _of_pixels(
+        truth, draws, chosen, _network(count)
+    )
     crps = distance / count - apart / (count * (count - 1))
     spread = np.sqrt(np.mean(squares / (count - 1)))
     missed = np.sqrt(np.mean((middle - truth) ** 2))
@@ -234,30 +243,42 @@ def _network(count: int) -> NDArray[np.int64]:
     return np.array(pairs, np.int64).reshape(-1, 2)
 
 
-_FEW = 4  # draws of a sensor of the usual size, which fit into the second cache
 _TILE = 128  # pixels, whose draws in single precision fit into the first cache
 
 
 @compiled
 def _of_pixels(
-    truth: Array, draws: NDArray[np.float32], middle: Array, network: NDArray[np.int64]
-) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Sums (P,) over the `draws` (K, P) of each pixel, with their mean `middle` (P,), all in S/m.
+    truth: Array,
+    draws: NDArray[np.float32],
+    chosen: NDArray[np.intp],
+    network: NDArray[np.int64],
+) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
+    """Mean (P,) of the `draws` (K, ...) of each `chosen` pixel [S/m], and sums over them.
 
     Of distances from the truth [S/m], of squared distances from the mean [(S/m)^2], and of
     distances between each two of them [S/m]; then the number of draws below the truth, and of those
     not above it, and what truth and draws span [S/m]. The `network` sorts K values.
     """
-    count, pixels = draws.shape
-    distance, squares, apart = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)
-    below, upto, span = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)
+    count, pixels = len(draws), len(chosen)
+    middle, distance, squares = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)
+    apart, below, upto, span = (
+        np.zeros(pixels),
+        np.zeros(pixels),
+        np.zeros(pixels),
+        np.zeros(pixels),
+    )
     # Integers of the same bits are in the same order, and are compared eight at once.
     bits = np.zeros((count, _TILE), np.int32)
     ordered = bits.view(np.float32)
     for start in range(0, pixels, _TILE):
         tile = slice(start, min(start + _TILE, pixels))
-        true, mean = truth[tile], middle[tile]
-        ordered[:, : len(true)] = draws[:, tile]
+        true, mean, here = truth[tile], middle[tile], chosen[tile]
+        for k in range(count):
+            for p in range(len(true)):
+                ordered[k, p] = draws[k, here[p]]
+                mean[p] += np.float64(ordered[k, p])
+        for p in range(len(true)):
+            mean[p] /= count
         _turn_negative(bits)
         for k in range(len(network)):
             low, high = bits[network[k, 0]], bits[network[k, 1]]
@@ -282,7 +303,7 @@ def _of_pixels(
         for p in range(len(true)):
             most = max(np.float64(ordered[count - 1, p]), true[p])
             spans[p] = most - min(np.float64(ordered[0, p]), true[p])
-    return distance, squares, apart, below, upto, span
+    return middle, distance, squares, apart, below, upto, span
 
 
 @compiled
@@ -381,23 +402,26 @@ def kept_of_draws(
     kept = {name: np.full((len(draws), *shape), np.nan) for name, shape in STORED.items()}
     kept["placed"][:] = placed
     pixels = np.flatnonzero(sensor.mask)
-    for n, of in enumerate(draws):
+
+    def fill(n: int) -> None:
         if placed:
-            for few in range(0, len(of), _FEW):  # arrays of all draws would leave the cache
-                contrast = of[few : few + _FEW].astype(np.float64) - sensor.background
-                kept["places"][n, few : few + _FEW] = locate(contrast, sensor)
-        inside = of.reshape(len(of), -1).take(pixels, axis=1)
+            kept["places"][n] = locate(draws[n], sensor, sensor.background)
+        flat = draws[n].reshape(len(draws[n]), -1)
         if truth is None:
+            inside = flat.take(pixels, axis=1)
             kept["sharpness"][n] = np.sqrt(inside.var(axis=0, ddof=1, dtype=np.float64).mean())
-        else:
-            found = figures_of_draws(
-                truth[n, sensor.mask].astype(np.float32).astype(np.float64),
-                inside,
-                images[n, sensor.mask].astype(np.float64),
-                sensor.data_range,
-            )
-            for name, value in found.items():
-                kept[name][n] = value
+            return
+        found = figures_of_draws(
+            truth[n, sensor.mask].astype(np.float32).astype(np.float64),
+            flat,
+            images[n, sensor.mask].astype(np.float64),
+            sensor.data_range,
+            pixels,
+        )
+        for name, value in found.items():
+            kept[name][n] = value
+
+    for_each(fill, range(len(draws)))
     return kept
 
 

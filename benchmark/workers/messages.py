@@ -1,12 +1,13 @@
 """Answers of workers as bytes: JSON and arrays of numbers, so that scored code can send data only.
 
-A message is the length of a JSON header, the header, and the content of its arrays one after the
-other. Whoever reads it checks it again: the process that sent it runs somebody else's code.
+A message is a JSON header, then the content of its arrays one after the other, in pieces: each is
+read into its array at once, where a message of many megabytes would be copied three times. Whoever
+reads it checks it again: the process that sent it runs somebody else's code.
 """
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -23,7 +24,7 @@ MAX_ARRAYS = 2**28  # bytes: 32 images of the largest sensor, twice
 LARGEST = 1e9  # seconds, MiB
 # Kinds of failures that asking again sample by sample would not mend.
 BROKEN_CONTRACT = frozenset({"shape", "dtype", "mutated"})
-_LENGTH = 4  # bytes of the length of a header
+PIECE = 2**20  # bytes of an array that are sent at once
 _ARRAY = "array of the message"
 _NO_ANSWER = "its process sent something that is no answer"
 
@@ -145,8 +146,8 @@ class _Header(BaseModel):
     arrays: list[_Array]
 
 
-def encode(reply: Reply) -> bytes:
-    """Return the message of `reply`, its texts shortened; objects become their texts.
+def encode(reply: Reply) -> list[bytes | memoryview]:
+    """Return the pieces of the message of `reply`, its texts shortened; objects become their texts.
 
     Raises:
         ValueError: it is larger than a message may be.
@@ -163,44 +164,51 @@ def encode(reply: Reply) -> bytes:
     text = json.dumps(header).encode()
     if len(text) > MAX_HEADER:
         raise ValueError(f"its answer holds more than {MAX_HEADER:,} bytes of text")
-    size = sum(array.nbytes for array in arrays)
-    if size > MAX_ARRAYS:
+    if sum(array.nbytes for array in arrays) > MAX_ARRAYS:
         raise ValueError(f"its answer holds more than {MAX_ARRAYS:,} bytes of numbers")
-    return b"".join(
-        [len(text).to_bytes(_LENGTH), text, *(np.ascontiguousarray(array).data for array in arrays)]
-    )
+    return [text, *(piece for array in arrays for piece in _pieces(array))]
 
 
-def decode(message: bytes) -> Reply:
-    """Return the reply that `message` holds; its arrays may be written to.
+def decode(receive: Callable[[int], bytes]) -> Reply:
+    """Return the reply of the next message; its arrays may be written to.
+
+    Args:
+        receive: gives the next piece, of at most so many bytes.
 
     Raises:
-        ValueError: it holds none.
+        ValueError: it is none.
     """
-    end = _LENGTH + int.from_bytes(message[:_LENGTH])
-    if not _LENGTH < end <= min(len(message), _LENGTH + MAX_HEADER):
-        raise ValueError("no message: the length of its header is wrong")
-    arrays = []
     try:
-        header = _Header.model_validate(json.loads(message[_LENGTH:end]))
-        for declared in header.arrays:
-            dtype = np.dtype(declared.dtype)
-            count = math.prod(declared.shape)
-            stop = end + count * dtype.itemsize
-            if stop > len(message):
-                raise ValueError("no message: an array is longer than the message")
-            arrays.append(np.ndarray(declared.shape, dtype, message, end).copy())
-            end = stop
+        header = _Header.model_validate(json.loads(receive(MAX_HEADER)))
+        shapes = [(np.dtype(of.dtype), tuple(of.shape)) for of in header.arrays]
+        if sum(dtype.itemsize * math.prod(shape) for dtype, shape in shapes) > MAX_ARRAYS:
+            raise ValueError("no message: its arrays are larger than they may be")
+        arrays = [np.empty(shape, dtype) for dtype, shape in shapes]
         value = _with_arrays(_plain(header.value, []), arrays)
     except RecursionError as error:
         raise ValueError("no message: it is nested too deeply") from error
-    if end != len(message):
-        raise ValueError("no message: something follows its arrays")
+    for array in arrays:
+        left = _bytes_of(array)
+        while len(left):
+            piece = receive(PIECE)
+            if not 0 < len(piece) <= len(left):
+                raise ValueError("no message: what it holds is not as long as it says")
+            left[: len(piece)] = piece
+            left = left[len(piece) :]
     if (lost := header.failure) is None:
         return Reply(value, header.seconds, None, header.memory_mb)
     kinds = tuple(map(plain_text, lost.kinds))
     failure = Failure(lost.status, plain_text(lost.message), kinds, plain_trace(lost.trace))
     return Reply(None, header.seconds, failure, header.memory_mb)
+
+
+def _pieces(array: NDArray[Any]) -> list[memoryview]:
+    whole = _bytes_of(np.ascontiguousarray(array))
+    return [whole[start : start + PIECE] for start in range(0, len(whole), PIECE)]
+
+
+def _bytes_of(array: NDArray[Any]) -> memoryview:
+    return array.reshape(-1).view(np.uint8).data
 
 
 def _plain(value: object, arrays: list[NDArray[Any]]) -> Any:

@@ -134,9 +134,9 @@ class MethodService(FrameService):
     def _images(self, frames: Frames, references: Frames, *, stating: Sequence[str]) -> Reply:
         assert self._method is not None
         whole = self.sensor.image_shape
-        images, seconds = [np.empty((0, *whole), np.float32)], 0.0
+        images, seconds = np.empty((len(frames), *whole), np.float32), 0.0
         statements = {name: of for name, of in self._statements().items() if name in stating}
-        stated: dict[str, list[NDArray[np.float32]]] = {name: [] for name in statements}
+        stated: dict[str, NDArray[np.float32]] = {}
         more = dict.fromkeys(statements, 0.0)
         for rows in same_reference(references):
             self.problem.reference = references[rows.start]
@@ -145,19 +145,22 @@ class MethodService(FrameService):
             if reply.failure is not None:
                 return reply
             seconds += reply.seconds
-            images.append(_single(reply.value))
+            _put(images, rows, reply.value)
             for name, (state, shapes) in statements.items():
+                if name in stated:  # of one frame, that of an image would fill all draws
+                    shapes = (stated[name].shape[1:],)
                 reply = timed_answer(state, [frames[rows]], *((n, *shape) for shape in shapes))
                 if reply.failure is not None:
                     of = replace(reply.failure, message=f"{name} {reply.failure.message}")
                     return replace(reply, failure=of)
                 more[name] += reply.seconds
-                stated[name].append(_single(reply.value))
-        found = np.concatenate(images)
-        if not len(frames) or not statements:
-            return Reply(found, seconds)
-        said = {name: np.concatenate(parts) for name, parts in stated.items()}
-        return Reply({"images": found, **said, "seconds": more}, seconds)
+                if name not in stated:
+                    shape = reply.value.shape[1:]
+                    stated[name] = np.empty((len(frames), *shape), np.float32)
+                _put(stated[name], rows, reply.value)
+        if not stated:
+            return Reply(images, seconds)
+        return Reply({"images": images, **stated, "seconds": more}, seconds)
 
     def _statements(self) -> dict[str, Statement]:
         """What is asked for beside images, with the shapes that it may have for each frame."""
@@ -171,10 +174,10 @@ class MethodService(FrameService):
         return found
 
 
-def _single(values: NDArray[Any]) -> NDArray[np.float32]:
+def _put(kept: NDArray[np.float32], rows: slice, values: NDArray[Any]) -> None:
     # What does not fit becomes inf and is reported as such.
     with np.errstate(over="ignore"):
-        return values.astype(np.float32)
+        kept[rows] = values
 
 
 def known_parameters(method: object) -> dict[str, Any]:

@@ -27,8 +27,6 @@ from pydantic import TypeAdapter
 
 from eitbench.benchmark.workers.confinement import Confinement
 from eitbench.benchmark.workers.messages import (
-    MAX_ARRAYS,
-    MAX_HEADER,
     Failure,
     Reply,
     Status,
@@ -122,7 +120,7 @@ class Worker:
                 if not ready:
                     self._shorten_log()
                     self._hold_to_memory(self._process.memory_mb(), what)
-            reply = decode(self._connection.recv_bytes(MAX_HEADER + MAX_ARRAYS))
+            reply = decode(self._connection.recv_bytes)
         except ValueError as error:
             self.close()
             raise no_answer(what) from error
@@ -190,7 +188,8 @@ def serve(connection: Connection, service: object) -> None:
             message = encode(Reply(None, seconds, failure, peak_memory_mb()))
         if os.getpid() != own:  # scored code has forked, and its child came back, too
             os._exit(0)
-        connection.send_bytes(message)
+        for piece in message:
+            connection.send_bytes(piece)
 
 
 class _PluginReader:

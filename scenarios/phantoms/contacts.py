@@ -117,42 +117,55 @@ def _large_enough(pixels: Array, image: NDArray[np.int64], sensor: Sensor) -> ND
     return np.asarray(large | ~np.isin(image, image[large]))
 
 
-def locate(contrast: ArrayLike, sensor: Sensor) -> Array:
+def locate(contrast: ArrayLike, sensor: Sensor, background: float = 0.0) -> Array:
     """Place (n, 2) [m] of the only contact in each image of `contrast` (n, H, W) [S/m].
 
     For a sensor known to be touched once, all that stands out belongs to that touch, in however
     many parts it is drawn. The place is the centre of the |contrast| in excess of a quarter of the
     image's largest; taking the excess makes it change continuously with the image. NaN where the
-    contrast is constant. Errors as those of `contacts`.
+    contrast is constant. Images of conductivity are given with their `background` [S/m]. Errors as
+    those of `contacts`.
     """
-    values = np.asarray(contrast, dtype=np.float64)
-    _require_sound(values, sensor)
-    weight = _excess(values, sensor.mask)
-    total = weight.sum(axis=(1, 2))
-    place = np.stack([np.tensordot(weight, c, axes=2) for c in sensor.pixel_centres], axis=-1)
-    place[total == 0] = np.nan
-    return np.asarray(place / np.where(total > 0, total, 1.0)[:, None])
+    values = np.asarray(contrast)
+    if values.dtype != np.float32:  # which is read as it is: draws are many
+        values = values.astype(np.float64, copy=False)
+    _require_sound(values[:0], sensor)
+    place, excess = np.empty((len(values), 2)), np.empty((_FEW, *sensor.mask.shape))
+    for start in range(0, len(values), _FEW):
+        images = values[start : start + _FEW]
+        _require_sound(images, sensor)
+        weight = excess[: len(images)]
+        _fill_excess(weight, images, background, sensor.mask)
+        total = weight.sum(axis=(1, 2))
+        found = np.stack([np.tensordot(weight, c, axes=2) for c in sensor.pixel_centres], axis=-1)
+        found[total == 0] = np.nan
+        place[start : start + _FEW] = found / np.where(total > 0, total, 1.0)[:, None]
+    return place
+
+
+_FEW = 4  # images of the usual size, which fit into the second cache
 
 
 @compiled
-def _excess(contrast: Array, mask: Mask) -> Array:
-    """|contrast| in excess of a quarter of the largest of each image (n, H, W), 0 if constant."""
-    excess = np.zeros_like(contrast)
-    for n in range(len(contrast)):
-        least, most = np.inf, -np.inf
-        for i in range(mask.shape[0]):
-            for j in range(mask.shape[1]):
-                value = contrast[n, i, j]
-                least = min(least, value) if mask[i, j] else least
-                most = max(most, value) if mask[i, j] else most
-        if not least < most:
-            continue
-        quarter = AMPLITUDE_FRACTION * max(abs(least), abs(most))
-        for i in range(mask.shape[0]):
-            for j in range(mask.shape[1]):
-                if mask[i, j]:
-                    excess[n, i, j] = max(abs(contrast[n, i, j]) - quarter, 0.0)
-    return excess
+def _fill_excess(
+    excess: Array, images: NDArray[np.floating], background: float, mask: Mask
+) -> None:
+    """Fill in |contrast| in excess of a quarter of the largest of each image, 0 if constant."""
+    height, width = mask.shape
+    least, most = np.zeros(width), np.zeros(width)  # of columns, so that many are done at once
+    for n in range(len(images)):
+        least[:], most[:] = np.inf, -np.inf
+        for i in range(height):
+            for j in range(width):
+                value = np.float64(images[n, i, j]) - background
+                least[j] = value if mask[i, j] and value < least[j] else least[j]
+                most[j] = value if mask[i, j] and value > most[j] else most[j]
+        low, high = least.min(), most.max()
+        quarter = AMPLITUDE_FRACTION * max(abs(low), abs(high)) if low < high else np.inf
+        for i in range(height):
+            for j in range(width):
+                over = abs(np.float64(images[n, i, j]) - background) - quarter
+                excess[n, i, j] = over if mask[i, j] and over > 0.0 else 0.0
 
 
 def _standing_out(contrast: ArrayLike, sensor: Sensor) -> tuple[Array, Array, Array]:
@@ -167,11 +180,12 @@ def _standing_out(contrast: ArrayLike, sensor: Sensor) -> tuple[Array, Array, Ar
     return values, magnitude, peak
 
 
-def _require_sound(contrast: Array, sensor: Sensor) -> None:
+def _require_sound(contrast: NDArray[np.floating], sensor: Sensor) -> None:
     if contrast.ndim != 3 or contrast.shape[1:] != sensor.mask.shape:
         height, width = sensor.mask.shape
         raise InputError(f"Contrast must have shape (n, {height}, {width}), got {contrast.shape}.")
-    if not (np.isfinite(contrast) | ~sensor.mask).all():
+    known = np.isfinite(contrast)
+    if not known.all() and not known[:, sensor.mask].all():
         raise InputError("Contrast must be finite inside the sensor: leave such frames out.")
 
 

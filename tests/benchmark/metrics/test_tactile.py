@@ -11,6 +11,7 @@ from eitbench.benchmark.metrics import tactile
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.scenarios.phantoms.contacts import contacts
 from eitbench.scenarios.phantoms.press import FOAM as LAW
+from eitbench.scenarios.sensors.sensor import Sensor
 
 
 def test_diameter_is_the_longest_way_across() -> None:
@@ -99,6 +100,41 @@ def test_edges_blur_and_contacts_of_both_signs_count_alike() -> None:
     nothing = np.zeros_like(truth)
     blank = tactile.edges_and_artefacts(contacts(nothing, FOAM), nothing, truth, FOAM)
     assert np.isnan(blank).all()
+
+
+@pytest.mark.parametrize("sensor", [FOAM, disc_sensor()])
+def test_edges_are_those_by_the_distance_of_every_pixel_from_every_other(sensor: Sensor) -> None:
+    """Rectangles of either sign anywhere, also beside the rim."""
+    rng = np.random.default_rng(4)
+    x, y = (centres.ravel() for centres in sensor.pixel_centres)
+    mask = sensor.mask.ravel()
+    apart = np.hypot(x - x[:, None], y - y[:, None])
+    reach = tactile.EDGE_ZONE * tactile.diameter(sensor)
+    for _ in range(5):
+        truth = np.zeros((1, *sensor.image_shape))
+        for row, column in rng.integers(0, sensor.image_shape, (3, 2)):
+            height, width = rng.integers(4, 25, 2)
+            truth[0, row : row + height, column : column + width] = rng.choice([-0.5, 0.5])
+        image = truth + 0.1 * rng.standard_normal(truth.shape)
+        true = contacts(truth, sensor)
+        region = true.region.ravel().astype(float)
+        outside = apart[:, region != 0].min(axis=1)
+        inner = mask & (region != 0) & (apart[:, region == 0].min(axis=1) <= reach)
+        outer = mask & (region == 0) & (outside <= reach)
+        # Pixels between contacts of both signs belong to either.
+        nearest = {sign: apart[:, region == sign].min(axis=1, initial=9.0) for sign in (-1, 1)}
+        sign = np.where(nearest[1] < nearest[-1], 1.0, -1.0)
+        tied = outer & np.isclose(nearest[1], nearest[-1])
+        edge, artefacts = tactile.edges_and_artefacts(true, truth, image, sensor)
+        step, whole = (
+            (sign * of.ravel())[inner].mean() - (sign * of.ravel())[outer].mean()
+            for of in (image, truth)
+        )
+        far = mask & (outside > reach)
+        left = np.linalg.norm(image.ravel()[far]) / np.linalg.norm(truth.ravel()[mask])
+        np.testing.assert_allclose(artefacts, left)
+        if not tied.any():
+            np.testing.assert_allclose(edge, step / whole)
 
 
 def test_force_of_a_strip_is_that_of_its_edges_and_its_middle() -> None:

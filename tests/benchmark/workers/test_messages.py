@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis.extra import numpy as arrays
 from eitbench.benchmark.workers import messages
 from eitbench.benchmark.workers.messages import Failure, Reply, decode, encode
 
-OK = encode(Reply({"images": np.ones((2, 3), np.float32), "said": "ü"}, 0.5, None, 10.0))
+OK = [bytes(part) for part in encode(Reply({"images": np.ones((2, 3), np.float32), "ü": "ü"}, 0.5))]
 LIMITED = settings(max_examples=100, deadline=None)
 
 leaves = (
@@ -28,9 +29,21 @@ values = st.recursive(
 )
 
 
-def message(header: object, content: bytes = b"") -> bytes:
-    text = json.dumps(header).encode()
-    return len(text).to_bytes(4) + text + content
+def message(header: object, *content: bytes) -> list[bytes]:
+    return [json.dumps(header).encode(), *content]
+
+
+def sent(pieces: Iterable[bytes | memoryview]) -> Reply:
+    """The reply of a message, received as a connection does."""
+    left = iter(pieces)
+
+    def receive(most: int) -> bytes:
+        piece = bytes(next(left, b""))  # b"" where a connection would wait
+        if len(piece) > most:
+            raise OSError
+        return piece
+
+    return decode(receive)
 
 
 def header(**changes: Any) -> dict[str, Any]:
@@ -44,27 +57,31 @@ def header(**changes: Any) -> dict[str, Any]:
     return plain | changes
 
 
-def read(content: bytes) -> Reply | None:
+def read(pieces: Iterable[bytes]) -> Reply | None:
     """The reply, or None where it is refused; nothing else may happen."""
     try:
-        reply = decode(content)
-    except ValueError:
+        reply = sent(pieces)
+    except (ValueError, OSError):
         return None
     assert isinstance(reply, Reply)
     assert math.isfinite(reply.seconds)
     return reply
 
 
-@given(st.binary())
+@given(st.lists(st.binary()))
 @LIMITED
-def test_any_bytes_are_a_reply_or_refused(content: bytes) -> None:
-    read(content)
+def test_any_bytes_are_a_reply_or_refused(pieces: list[bytes]) -> None:
+    read(pieces)
 
 
-@given(st.binary(max_size=60), st.integers(0, len(OK)), st.integers(0, len(OK)))
+@given(st.binary(max_size=60), st.sampled_from([0, 1]), st.tuples(*2 * [st.integers(0, 200)]))
 @LIMITED
-def test_a_damaged_message_is_a_reply_or_refused(piece: bytes, start: int, stop: int) -> None:
-    read(OK[:start] + piece + OK[stop:])
+def test_a_damaged_message_is_a_reply_or_refused(
+    piece: bytes, which: int, cut: tuple[int, int]
+) -> None:
+    damaged = OK.copy()
+    damaged[which] = OK[which][: cut[0]] + piece + OK[which][cut[1] :]
+    read(damaged)
 
 
 @pytest.mark.slow
@@ -97,12 +114,12 @@ def same(one: Any, other: Any) -> None:
 @given(values)
 @LIMITED
 def test_values_come_back(value: Any) -> None:
-    same(decode(encode(Reply(value, 0.0))).value, value)
+    same(sent(encode(Reply(value, 0.0))).value, value)
 
 
 def test_a_failure_comes_back_without_a_value() -> None:
     failure = Failure("invalid-output", "returned nothing", ("shape",), '  File "a.py", line 1')
-    reply = decode(encode(Reply([1], 0.5, failure)))
+    reply = sent(encode(Reply([1], 0.5, failure)))
     assert reply.failure == failure
     assert reply.value is None
 
@@ -116,8 +133,8 @@ def test_texts_are_shortened_and_can_be_written() -> None:
     long = "\ud800" + "x" * 10**6
     said = {long: [long, Odd(), np.str_("fine")], "number": np.int64(3)}
     for reply in (
-        decode(encode(Reply(said, 0.0))),
-        decode(message(header(value={long[:5000]: [long[:5000]] * 2 + ["fine"], "number": 3}))),
+        sent(encode(Reply(said, 0.0))),
+        sent(message(header(value={long[:5000]: [long[:5000]] * 2 + ["fine"], "number": 3}))),
     ):
         (key, texts), (_, number) = reply.value.items()
         assert key == texts[0] == texts[1] == "\\ud800" + "x" * 493 + "…"
@@ -129,8 +146,8 @@ def test_texts_are_shortened_and_can_be_written() -> None:
 @pytest.mark.parametrize(
     "content",
     [
-        b"",
-        (2**32 - 1).to_bytes(4),
+        [],
+        [b""],
         message(header(extra=1)),
         message(header(seconds=math.nan)),
         message(header(seconds=-1.0)),
@@ -139,14 +156,22 @@ def test_texts_are_shortened_and_can_be_written() -> None:
         message(header(arrays=[{"dtype": "|O", "shape": [1]}]), bytes(8)),
         message(header(arrays=[{"dtype": "<f8", "shape": [2**40, 2**40]}])),
         message(header(arrays=[{"dtype": "<f8", "shape": [2]}]), bytes(8)),
-        message(header(), b"more"),
-        message([0]) + b"[" * 50_000,
-        (50_000).to_bytes(4) + b"[" * 50_000,
+        message(header(arrays=[{"dtype": "<f8", "shape": [2]}]), bytes(8), bytes(9)),
+        [b"[" * 50_000],
         message(header(value="x" * messages.MAX_HEADER)),
     ],
 )
-def test_what_no_worker_sends_is_refused(content: bytes) -> None:
+def test_what_no_worker_sends_is_refused(content: list[bytes]) -> None:
     assert read(content) is None
+
+
+def test_an_array_is_sent_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(messages, "PIECE", 100)
+    array = np.arange(60.0).reshape(12, 5).T
+    pieces = encode(Reply(array, 0.0))
+    assert [len(piece) for piece in pieces[1:]] == [100, 100, 100, 100, 80]
+    assert sent(pieces).value.flags.writeable
+    same(sent(pieces).value, array)
 
 
 @pytest.mark.parametrize("limit", ["MAX_HEADER", "MAX_ARRAYS"])

@@ -16,6 +16,7 @@ import psutil
 import pytest
 from tests.support.waiting import has_ended, wait_for
 
+from eitbench.benchmark.workers import method_service
 from eitbench.benchmark.workers.messages import MAX_TRACE, WorkerLostError
 from eitbench.benchmark.workers.method_service import MethodService, learning_splits
 from eitbench.benchmark.workers.worker import (
@@ -25,6 +26,9 @@ from eitbench.benchmark.workers.worker import (
     plugin_names,
     serve,
 )
+from eitbench.methods.method import DRAWS, Method
+from eitbench.methods.problem import Problem
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.suite import Suite
@@ -105,6 +109,40 @@ def test_a_service_gives_each_frame_its_own_reference_frame(tiny: Suite, data: D
         np.testing.assert_allclose(reply.value[k], alone.value[0], atol=1e-5)
     none = np.empty((0, data.sensor.n_measurements))
     assert service.reconstruct(none, none).value.shape == (0, *data.sensor.image_shape)
+
+
+def test_what_is_stated_has_one_shape_for_all_sessions(
+    tiny: Suite, data: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A deviation (1, H, W) would otherwise fill all draws of the one frame of a session."""
+
+    class Wavering(Method):
+        def fit(self, problem: Problem) -> None:
+            self.image, self.calls = np.ones(problem.sensor.image_shape), 0
+
+        def reconstruct(self, voltages: Array) -> Array:
+            return np.repeat(self.image[None], len(voltages), axis=0)
+
+        def uncertainty(self, voltages: Array) -> Array:
+            self.calls += 1
+            images = self.reconstruct(voltages)
+            return np.repeat(images[:, None], DRAWS, axis=1) if self.calls == 1 else images
+
+    wavering, splits = Wavering(), partial(learning_splits, tiny.scenarios[0])
+    service = MethodService(data.sensor, data.references[0], splits, "wavering", {})
+    monkeypatch.setattr(method_service, "create", lambda _: wavering)
+    service.fitted({})
+    references = data.references[:2] * np.array([[1.0], [1.1]])
+    height, width = data.sensor.image_shape
+    reply = service.reconstruct_and_state(data.voltages[:1], references[:1])
+    assert reply.value["uncertainty"].shape == (1, DRAWS, height, width)
+    wavering.calls = 0
+    reply = service.reconstruct_and_state(data.voltages[:2], references)
+    assert reply.failure is not None
+    assert reply.failure.message == (
+        f"uncertainty returned an array of shape (1, {height}, {width}) instead of "
+        f"(1, {DRAWS}, {height}, {width})"
+    )
 
 
 def test_a_method_is_never_given_the_test_split(tiny: Suite) -> None:
