@@ -18,6 +18,7 @@ from eitbench.benchmark.ceiling.record import below_ceiling
 from eitbench.benchmark.metrics.aggregation import aggregate, numbers
 from eitbench.benchmark.metrics.statistics import once
 from eitbench.benchmark.rundir.kinds import RunKind
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import SNR_COLUMNS
 from eitbench.scenarios.errors import InputError
 
@@ -91,7 +92,9 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
     for run in runs:
         names = ["suite", "scenario", run.kind.name, *run.kind.labels]
         known, rivals = _known(run), _rivals(run)
-        for values, cell in () if run.samples.empty else run.samples.groupby(names, sort=False):
+        # Of what a run can have, most suites fill a part.
+        filled = run.samples.dropna(axis="columns", how="all")
+        for values, cell in () if filled.empty else filled.groupby(names, sort=False):
             of = dict(zip(names, map(str, values), strict=True))
             row = _row(run, of, cell, known.get(tuple(of.values())[1:], {}))
             entries.append(Entry(run, row, cell, (run.path.name,), rivals[row["scenario"]]))
@@ -218,9 +221,10 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame, known: Row) -> Row:
         row["frame_solves"] = _plain(frame / solve if solve and frame is not None else None)
         noted = run.notes.get(keys["scenario"], {})
         row |= {name: _plain(noted.get(name)) for name in NOTES}
-        row |= {n: _plain(cell[n].median() if n in cell else None) for n in SNR_COLUMNS}
-        for end in ("min", "max"):
-            row[f"snr_db_{end}"] = _plain(cell["snr_db"].agg(end) if "snr_db" in cell else None)
+        levels = {n: _known_numbers(cell, n) for n in SNR_COLUMNS}
+        row |= {n: _plain(np.median(of) if len(of) else None) for n, of in levels.items()}
+        for end, most in (("min", np.min), ("max", np.max)):
+            row[f"snr_db_{end}"] = _plain(most(of) if len(of := levels["snr_db"]) else None)
         row["prior_knowledge"] = describe_prior_knowledge(known.get("prior_knowledge"))
         row["overlap"] = _plain(known.get("overlap"))
         row["actions"] = describe_actions(known.get("actions"))
@@ -228,11 +232,16 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame, known: Row) -> Row:
     return row
 
 
+def _known_numbers(cell: pd.DataFrame, name: str) -> Array:
+    values = numbers(cell, name) if name in cell else np.empty(0)
+    return values[~np.isnan(values)]
+
+
 def _below_ceiling(scenario: str, cell: pd.DataFrame) -> Row:
     found = None
     if "psnr" in cell and "input_hash" in cell:
         psnr, clusters = numbers(cell, "psnr"), cell.get("cluster", cell["sample"])
-        found = below_ceiling(scenario, list(cell["input_hash"]), psnr, list(clusters))
+        found = below_ceiling(scenario, cell["input_hash"], psnr, clusters)
     ends = ("below_ceiling_db", "below_ceiling_db_low", "below_ceiling_db_high")
     return dict.fromkeys(ends) if found is None else dict(zip(ends, found, strict=True))
 

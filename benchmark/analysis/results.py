@@ -21,7 +21,13 @@ from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.folder import MOST_ENTRIES, read_json_file
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RUN_KINDS, RunKind
-from eitbench.benchmark.rundir.run_arrays import Scene, names_in, read_estimates, read_scene
+from eitbench.benchmark.rundir.run_arrays import (
+    Scene,
+    kept_open,
+    names_in,
+    read_estimates,
+    read_scene,
+)
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
 from eitbench.benchmark.workers.messages import plain_trace
@@ -173,12 +179,13 @@ def _try_run(path: Path) -> None:
             pass
     if run.kind != METHOD_RUNS:
         return
-    for scenario in run.scenarios():
-        with suppress(DataCorruptError):  # who asks for these images is told
-            run.scene(scenario, [])
-    for scenario, method in cells_of(run.samples):
-        with suppress(DataCorruptError):
-            run.estimates(scenario, method, [])
+    with kept_open(path / run.kind.arrays):
+        for scenario in run.scenarios():
+            with suppress(DataCorruptError):  # who asks for these images is told
+                run.scene(scenario, [])
+        for scenario, method in cells_of(run.samples):
+            with suppress(DataCorruptError):
+                run.estimates(scenario, method, [])
 
 
 def _read_run(path: Path) -> Run:

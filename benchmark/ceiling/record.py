@@ -7,12 +7,13 @@ versions and the hashes of the data that made it.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, Interval, bootstrap, means
 from eitbench.benchmark.rundir.few_bytes import FRAME_DIGITS, with_short_hashes
@@ -49,13 +50,13 @@ def frames_among(scenario: str, hashes: Sequence[str]) -> pd.DataFrame:
     return frames[(frames["scenario"] == scenario) & among]
 
 
-def _known_by(hashes: Sequence[str]) -> list[str]:
+def _known_by(hashes: Iterable[str]) -> list[str]:
     # Records of the leaderboard keep no more digits.
     return [of[:FRAME_DIGITS] for of in hashes]
 
 
 def below_ceiling(
-    scenario: str, hashes: Sequence[str], psnr: Array, clusters: Sequence[str]
+    scenario: str, hashes: Iterable[str], psnr: Array, clusters: ArrayLike
 ) -> Interval | None:
     """How far the mean squared error of a method is above that of the ceiling [dB].
 

@@ -7,7 +7,7 @@ that registered a method with the robot, where there are such.
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -286,11 +286,33 @@ def read_responses(
     return found
 
 
+_OPEN: dict[Path, h5py.File] = {}
+
+
+@contextmanager
+def kept_open(path: Path) -> Iterator[None]:
+    """Keep the file at `path` open: to open it takes as long as to read some images.
+
+    Who reads from it in the block is told if it is not there, or damaged.
+    """
+    try:
+        file = h5py.File(path, "r")
+    except Exception:  # as of `_group`
+        yield
+        return
+    with file:
+        _OPEN[path] = file
+        try:
+            yield
+        finally:
+            del _OPEN[path]
+
+
 @contextmanager
 def _group(path: Path, scenario: str, name: str) -> Iterator[h5py.Group]:
     """Open a group of the file at `path`; damage of any kind is one sentence."""
     try:
-        with h5py.File(path, "r") as file:
+        with nullcontext(_OPEN[path]) if path in _OPEN else h5py.File(path, "r") as file:
             group = file
             for part in (scenario, name):
                 if not isinstance(group.get(part, getlink=True), h5py.HardLink):

@@ -9,6 +9,7 @@ import json
 import math
 import shlex
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
@@ -36,6 +37,7 @@ from eitbench.benchmark.metrics.novelty import NOVELTY, SCORES
 from eitbench.benchmark.metrics.specs import ANCHORS, METRIC_COLUMNS, METRICS, anchored
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.run_arrays import kept_open
 from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.evidence import Evidence
 from eitbench.reports.claims.published_claims import CLAIMS
@@ -165,7 +167,10 @@ def report_of(runs: Sequence[Run]) -> ReportData:
     families = shown_families(columns)
     varied = min(SAMPLES, VARIED_SAMPLES // max(1, len(found)))
     single = len(found) <= MOST_SINGLE
-    boards = [_board(*of, missing, families, varied, parts=single) for of in found]
+    with ExitStack() as files:
+        for run in runs:
+            files.enter_context(kept_open(run.path / run.kind.arrays))
+        boards = [_board(*of, missing, families, varied, parts=single) for of in found]
     name_kinds(boards)
     for run in runs:
         missing += _incomplete(run)
