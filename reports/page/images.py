@@ -55,15 +55,14 @@ def packed_images(
     Raises:
         DataCorruptError: the images of a run cannot be read.
     """
-    cells = {
-        label: _shown_of(run.cell(scenario, name), by) for label, (run, name) in methods.items()
-    }
     first, runs = next(iter(methods.values()))[0], {run for run, _ in methods.values()}
+    there: set[int] | None = None
     for run in runs:
         if not run.whole:  # a record has images of few samples
-            there = run.scene(scenario, range(run.n(scenario))).sample.tolist()
-            cells = {label: cell[cell["sample"].isin(there)] for label, cell in cells.items()}
-    table, cases = _together(cells, by)
+            held = set(run.scene(scenario, range(run.n(scenario))).sample.tolist())
+            there = held if there is None else there & held
+    table = _shared_rows(methods, scenario, by, there)
+    cases = _cases(table, by)
     if not cases:
         return None
     names = list(dict.fromkeys(case["family"] for case in cases))
@@ -110,23 +109,35 @@ def shown_samples(run: Run, scenario: str) -> list[int]:
     families = shown_families(len(run.cells) + len(run.scenarios()))  # with the truth of each
     of = run.samples[run.samples["scenario"] == scenario]
     by = next((name for name in run.kind.ranked_by if name in of and of[name].notna().any()), None)
-    cells = {str(name): _shown_of(rows, by) for name, rows in of.groupby("method", sort=False)}
-    return sorted({case["sample"] for case in _shown(_together(cells, by)[1], families)})
+    methods = {str(name): (run, str(name)) for name in of["method"].unique()}
+    cases = _cases(_shared_rows(methods, scenario, by, None), by)
+    return sorted({case["sample"] for case in _shown(cases, families)})
 
 
-def _shown_of(cell: pd.DataFrame, by: str | None) -> pd.DataFrame:
-    """The columns of a cell that cases are chosen by, and those that stand below images."""
+def _shared_rows(
+    methods: Mapping[str, tuple[Run, str]], scenario: str, by: str | None, there: set[int] | None
+) -> pd.DataFrame:
+    """The rows of those samples that all methods have, the methods one after the other.
+
+    It has the columns that cases are chosen by, those that stand below images, and the `label`.
+
+    Args:
+        methods, scenario, by: see `packed_images`.
+        there: numbers of the samples that there are images of; None: all.
+    """
     names = dict.fromkeys(("sample", "family", "status", *_BELOW, *([by] if by else ())))
-    return cell[[name for name in names if name in cell]]
-
-
-def _together(
-    cells: Mapping[str, pd.DataFrame], by: str | None
-) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
-    """The rows of samples that all cells have, with their `label`, and the cases among them."""
-    table = pd.concat([cell.assign(label=label) for label, cell in cells.items()])
-    table = table[table.groupby("sample")["label"].transform("count") == len(cells)]
-    return table, [] if by is None or by not in table else _cases(table, by)
+    parts = []
+    for run in dict.fromkeys(run for run, _ in methods.values()):
+        of = run.samples[run.samples["scenario"] == scenario]
+        labels = {name: label for label, (of_run, name) in methods.items() if of_run is run}
+        rows = of[[name for name in names if name in of]].assign(label=of["method"].map(labels))
+        parts.append(rows[rows["label"].notna()])
+    table = pd.concat(parts)
+    if there is not None:
+        table = table[table["sample"].isin(there)]
+    table = table[table.groupby("sample")["label"].transform("count") == len(methods)]
+    order = table["label"].map({label: k for k, label in enumerate(methods)})
+    return table.iloc[order.to_numpy().argsort(kind="stable")]
 
 
 def _shown(cases: list[dict[str, Any]], families: int) -> list[dict[str, Any]]:
@@ -162,8 +173,10 @@ def _limits(stacks: dict[str, NDArray[np.float64]], scene: Scene) -> tuple[float
     return scene.background - half, scene.background + half
 
 
-def _cases(table: pd.DataFrame, by: str) -> list[dict[str, Any]]:
+def _cases(table: pd.DataFrame, by: str | None) -> list[dict[str, Any]]:
     """The best, median and worst sample of each family, or of all without families."""
+    if by is None or by not in table:
+        return []
     mean = table.groupby("sample")[by].mean().dropna()
     better = mean if METRICS[by].best == "max" else -mean
     if "family" in table and table["family"].notna().any():

@@ -446,9 +446,10 @@ def _has_images(run: Run, missing: list[str]) -> bool:
 
 def _anchored(cell: pd.DataFrame) -> list[float] | None:
     """Return means of SSIM, CC, RIE and PSNR between their anchors; None where one is unknown."""
-    if any(name not in cell or cell[name].isna().any() for name in ANCHORS):
+    figures = {name: numbers(cell, name) for name in ANCHORS if name in cell}
+    if len(figures) < len(ANCHORS) or any(np.isnan(of).any() for of in figures.values()):
         return None
-    return list(anchored({name: numbers(cell, name) for name in ANCHORS}).mean(axis=0))
+    return list(anchored(figures).mean(axis=0))
 
 
 def _samples(run: Run, scenario: str) -> pd.DataFrame:
