@@ -172,10 +172,13 @@ def normal_draws(images: NDArray[np.floating[Any]], deviations: Array) -> NDArra
     Each pixel varies on its own.
     """
     offsets = np.random.default_rng(0).standard_normal((DRAWS, *images.shape[1:]))
-    draws, exact = np.empty((len(images), *offsets.shape), np.float32), np.empty(offsets.shape)
-    for n, image in enumerate(images):  # arrays of all frames would leave the cache
-        np.multiply(deviations[n], offsets, out=exact)
-        draws[n] = np.add(image, exact, out=exact)
+    draws = np.empty((len(images), *offsets.shape), np.float32)
+
+    def fill(n: int) -> None:  # arrays of all frames would leave the cache
+        exact = deviations[n] * offsets
+        draws[n] = np.add(images[n], exact, out=exact)
+
+    for_each(fill, range(len(images)))
     return draws
 
 

@@ -143,7 +143,7 @@ def locate(contrast: ArrayLike, sensor: Sensor, background: float = 0.0) -> Arra
     return place
 
 
-_FEW = 4  # images of the usual size, which fit into the second cache
+_FEW = 20  # images at once: many short steps would make threads wait for each other
 
 
 @compiled
