@@ -7,7 +7,7 @@ that registered a method with the robot, where there are such.
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -295,17 +295,12 @@ def kept_open(path: Path) -> Iterator[None]:
 
     Who reads from it in the block is told if it is not there, or damaged.
     """
-    try:
-        file = h5py.File(path, "r")
-    except Exception:  # as of `_group`
+    with ExitStack() as opened:
+        if path not in _OPEN:
+            with suppress(Exception):  # as of `_group`
+                _OPEN[path] = opened.enter_context(h5py.File(path, "r"))
+                opened.callback(_OPEN.pop, path)
         yield
-        return
-    with file:
-        _OPEN[path] = file
-        try:
-            yield
-        finally:
-            del _OPEN[path]
 
 
 @contextmanager

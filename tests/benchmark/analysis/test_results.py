@@ -10,6 +10,7 @@ import pytest
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.rundir.run_arrays import kept_open, read_scene
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
 
@@ -93,6 +94,31 @@ def test_images_of_chosen_samples(full_run: Path) -> None:
     assert scene.truth is not None
     assert set(np.unique(scene.truth)) == {-1.0, 0.0}
     assert run.scene("position-set", [0]).truth is None
+
+
+def test_a_file_of_images_that_is_kept_open_is_opened_once(
+    full_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arrays, run = full_run / "reconstructions.h5", read_run(full_run)
+    expected = run.estimates("conductivity-set", "sharp", [1, 4])
+    opened: list[Path] = []
+    really = h5py.File
+
+    def noted(path: Path, mode: str) -> h5py.File:
+        opened.append(path)
+        return really(path, mode)
+
+    monkeypatch.setattr(h5py, "File", noted)
+    with kept_open(arrays), kept_open(arrays):
+        for _ in range(2):
+            found = run.estimates("conductivity-set", "sharp", [1, 4])
+            np.testing.assert_array_equal(found, expected)
+    assert opened == [arrays]
+    run.scene("classes-set", [2])
+    assert opened == [arrays] * 2
+    # What is not there is told by whoever reads from it.
+    with kept_open(tmp_path / "none.h5"), pytest.raises(DataCorruptError, match=r"none\.h5"):
+        read_scene(tmp_path / "none.h5", "a", [], 1)
 
 
 @pytest.mark.parametrize(
