@@ -168,7 +168,10 @@ def test_the_budget_of_seconds_ends_a_study_and_is_recorded(
     assert choice.describe()["spent"]["seconds"] == 10.0
 
 
-@pytest.mark.parametrize("after", [0, 1, 7, 15])
+@pytest.mark.parametrize(
+    "after",
+    [0, pytest.param(1, marks=pytest.mark.slow), 7, pytest.param(15, marks=pytest.mark.slow)],
+)
 def test_a_study_that_was_stopped_goes_on_where_it_stood(
     after: int, asked: list[dict[str, Any]], tmp_path: Path
 ) -> None:

@@ -48,6 +48,7 @@ def test_intervals_hold_what_they_promise_on_test_frames(scenario: str) -> None:
     assert np.mean(half) == pytest.approx(0.5, abs=0.1)
 
 
+@pytest.mark.slow
 def test_on_a_recorded_skin_errors_are_those_of_simulated_presses(recorded_data: Path) -> None:
     skin = scenario_by_name("ohmc16")
     test = load(skin, "test", 2)
