@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import is_float_dtype
 
 from eitbench.benchmark.analysis.results import (
     NOTES,
@@ -92,9 +93,7 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
     for run in runs:
         names = ["suite", "scenario", run.kind.name, *run.kind.labels]
         known, rivals = _known(run), _rivals(run)
-        # Of what a run can have, most suites fill a part.
-        filled = run.samples.dropna(axis="columns", how="all")
-        for values, cell in () if filled.empty else filled.groupby(names, sort=False):
+        for values, cell in () if run.samples.empty else _filled(run).groupby(names, sort=False):
             of = dict(zip(names, map(str, values), strict=True))
             row = _row(run, of, cell, known.get(tuple(of.values())[1:], {}))
             entries.append(Entry(run, row, cell, (run.path.name,), rivals[row["scenario"]]))
@@ -109,6 +108,13 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
         board.sort(key=lambda entry: (entry.row["rank"], entry.row[entry.run.kind.name]))
         ranked.append(board)
     return ranked
+
+
+def _filled(run: Run) -> pd.DataFrame:
+    """The samples of a run without numbers that none of them has: most suites fill a part."""
+    numbers_of = [name for name in run.samples if is_float_dtype(run.samples[name])]
+    empty = [name for name in numbers_of if run.samples[name].isna().all()]
+    return run.samples.drop(columns=empty)
 
 
 def _without_repeats(entries: Sequence[Entry]) -> list[Entry]:
@@ -143,7 +149,11 @@ def _repeats(entry: Entry, other: Entry) -> bool:
     cells = [of.cell.sort_values("sample") for of in (entry, other)]
     if any(list(cells[0][name]) != list(cells[1][name]) for name in ("sample", "status")):
         return False
-    one, same = ({n: numbers(c, n) for n in entry.run.kind.metrics if n in c} for c in cells)
+    # What a run has of other scenarios alone is not known of this one.
+    one, same = (
+        {n: numbers(c, n) for n in entry.run.kind.metrics if n in c and c[n].notna().any()}
+        for c in cells
+    )
     return one.keys() == same.keys() and all(
         np.allclose(one[name], same[name], rtol=SAME, atol=0, equal_nan=True) for name in one
     )

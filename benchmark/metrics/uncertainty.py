@@ -169,14 +169,15 @@ draws vary as wholes, so that `places` are theirs."""
 def normal_draws(images: NDArray[np.floating[Any]], deviations: Array) -> NDArray[np.float32]:
     """Images (n, K, H, W) about `images` (n, H, W) with `deviations` (n, H, W), all in S/m.
 
-    Each pixel varies on its own.
+    Each pixel varies on its own. What does not fit single precision becomes infinite.
     """
     offsets = np.random.default_rng(0).standard_normal((DRAWS, *images.shape[1:]))
     draws = np.empty((len(images), *offsets.shape), np.float32)
 
     def fill(n: int) -> None:  # arrays of all frames would leave the cache
-        exact = deviations[n] * offsets
-        draws[n] = np.add(images[n], exact, out=exact)
+        with np.errstate(over="ignore", invalid="ignore"):  # threads do not take over the caller's
+            exact = deviations[n] * offsets
+            draws[n] = np.add(images[n], exact, out=exact)
 
     for_each(fill, range(len(images)))
     return draws
@@ -432,12 +433,14 @@ def sample_figures(kept: Mapping[str, Array], places: Array, true: Array) -> dic
     """Columns of a table of samples from what was kept of their draws.
 
     Args:
-        kept: see `kept_of_draws`.
+        kept: see `kept_of_draws`; places count if the draws of all frames vary as wholes.
         places: those kept, (n, K, 2), in the coordinates of the true ones.
         true: (n, 2) true places [m], NaN where there is none.
     """
     scalar = {name: kept[name] for name in SCALARS}
-    known = np.where(kept["placed"][:, None] == 1, true, np.nan)
+    # Else a method could choose the frames whose places count.
+    placed = not (kept["placed"] == 0).any()
+    known = np.where(placed & (kept["placed"][:, None] == 1), true, np.nan)
     return scalar | coverages(kept["ranks"]) | place_figures(places, known)
 
 

@@ -331,9 +331,7 @@ class MethodCellTask(FrameTask):
         shape = (len(images), DRAWS, *sensor.image_shape) if draws else images.shape
         array = array_in(stated, np.float32, shape, "its uncertainty")
         if not draws:
-            array = np.where(array >= 0, array, np.nan)
-            with np.errstate(over="ignore", invalid="ignore"):  # which is reported as such
-                array = normal_draws(images, array)
+            array = normal_draws(images, np.where(array >= 0, array, np.nan))
         array[..., ~sensor.mask] = sensor.background
         return array, draws
 

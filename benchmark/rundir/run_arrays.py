@@ -8,8 +8,10 @@ that registered a method with the robot, where there are such.
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import h5py
@@ -286,20 +288,21 @@ def read_responses(
     return found
 
 
-_OPEN: dict[Path, h5py.File] = {}
+_OPEN: ContextVar[Mapping[Path, h5py.File]] = ContextVar("_OPEN", default=MappingProxyType({}))
 
 
 @contextmanager
 def kept_open(path: Path) -> Iterator[None]:
-    """Keep the file at `path` open: to open it takes as long as to read some images.
+    """Keep the file at `path` open for this thread: to open it takes as long as to read an image.
 
     Who reads from it in the block is told if it is not there, or damaged.
     """
     with ExitStack() as opened:
-        if path not in _OPEN:
+        before = _OPEN.get()
+        if path not in before:
             with suppress(Exception):  # as of `_group`
-                _OPEN[path] = opened.enter_context(h5py.File(path, "r"))
-                opened.callback(_OPEN.pop, path)
+                file = opened.enter_context(h5py.File(path, "r"))
+                opened.callback(_OPEN.reset, _OPEN.set({**before, path: file}))
         yield
 
 
@@ -307,7 +310,8 @@ def kept_open(path: Path) -> Iterator[None]:
 def _group(path: Path, scenario: str, name: str) -> Iterator[h5py.Group]:
     """Open a group of the file at `path`; damage of any kind is one sentence."""
     try:
-        with nullcontext(_OPEN[path]) if path in _OPEN else h5py.File(path, "r") as file:
+        kept = _OPEN.get().get(path)
+        with h5py.File(path, "r") if kept is None else nullcontext(kept) as file:
             group = file
             for part in (scenario, name):
                 if not isinstance(group.get(part, getlink=True), h5py.HardLink):

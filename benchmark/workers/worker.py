@@ -130,6 +130,7 @@ class Worker:
                 self.close()
                 message = f"{what} took longer than {limit:g} s"
                 raise WorkerLostError(Failure("timeout", message)) from error
+            ending.cancel()  # or its end would be taken for the worker's own
             raise self._death(what) from error
         finally:
             ending.cancel()

@@ -129,11 +129,11 @@ def locate(contrast: ArrayLike, sensor: Sensor, background: float = 0.0) -> Arra
     values = np.asarray(contrast)
     if values.dtype != np.float32:  # which is read as it is: draws are many
         values = values.astype(np.float64, copy=False)
-    _require_sound(values[:0], sensor)
+    _require_images(values, sensor)
     place, excess = np.empty((len(values), 2)), np.empty((_FEW, *sensor.mask.shape))
     for start in range(0, len(values), _FEW):
         images = values[start : start + _FEW]
-        _require_sound(images, sensor)
+        _require_finite(images, sensor)
         weight = excess[: len(images)]
         _fill_excess(weight, images, background, sensor.mask)
         total = weight.sum(axis=(1, 2))
@@ -171,7 +171,8 @@ def _fill_excess(
 def _standing_out(contrast: ArrayLike, sensor: Sensor) -> tuple[Array, Array, Array]:
     """Contrast and |contrast| (n, H, W), 0 outside the sensor, and its peak (n,), 0 if constant."""
     given = np.asarray(contrast, dtype=np.float64)
-    _require_sound(given, sensor)
+    _require_images(given, sensor)
+    _require_finite(given, sensor)
     values = np.where(sensor.mask, given, 0.0)
     magnitude = np.abs(values)
     peak = magnitude.max(axis=(1, 2), initial=0.0)
@@ -180,10 +181,13 @@ def _standing_out(contrast: ArrayLike, sensor: Sensor) -> tuple[Array, Array, Ar
     return values, magnitude, peak
 
 
-def _require_sound(contrast: NDArray[np.floating], sensor: Sensor) -> None:
+def _require_images(contrast: NDArray[np.floating], sensor: Sensor) -> None:
     if contrast.ndim != 3 or contrast.shape[1:] != sensor.mask.shape:
         height, width = sensor.mask.shape
         raise InputError(f"Contrast must have shape (n, {height}, {width}), got {contrast.shape}.")
+
+
+def _require_finite(contrast: NDArray[np.floating], sensor: Sensor) -> None:
     known = np.isfinite(contrast)
     if not known.all() and not known[:, sensor.mask].all():
         raise InputError("Contrast must be finite inside the sensor: leave such frames out.")

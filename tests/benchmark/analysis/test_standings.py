@@ -242,6 +242,12 @@ def test_repeats_are_one_row_and_change_nothing() -> None:
         "first2": ("again", "first"), "first3": ("again", "first"),
     }  # fmt: skip
     assert told([part, again, first]) == told([first])
+    # Nor do figures matter that one of the runs has of other scenarios alone.
+    other = first.samples.assign(scenario="two", iou=0.5)
+    both = pd.concat([first.samples.assign(iou=np.nan), other], ignore_index=True)
+    wider = replace(named(first, "wider", "2026-02-03"), samples=both)
+    of_one = next(of for of in standings([first, wider]) if of.rows[0]["scenario"] == "one")
+    assert [row["repeats"] for row in of_one.rows] == ["first"] * 4
     # Of other results, it is no repeat.
     assert [row["repeats"] for row in standings([first, more])[0].rows] == [None] * 5
 

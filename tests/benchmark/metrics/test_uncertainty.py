@@ -179,6 +179,14 @@ def test_normal_draws_have_the_stated_deviation_about_the_image() -> None:
     np.testing.assert_allclose(draws.std(axis=(1, 2, 3)), [0.1, 0.02], rtol=0.01)
 
 
+def test_a_deviation_that_does_not_fit_is_infinite_and_says_nothing(
+    recwarn: pytest.WarningsRecorder,
+) -> None:
+    draws = normal_draws(np.zeros((1, 4, 4), np.float32), np.full((1, 4, 4), 3e38))
+    assert not np.isfinite(draws).all()
+    assert not recwarn.list
+
+
 def test_what_is_kept_of_frames_becomes_columns() -> None:
     """Two discs whose depth varies as stated, one a frame; outside the sensor nothing counts."""
     foam = sensor("foam16")
@@ -196,6 +204,12 @@ def test_what_is_kept_of_frames_becomes_columns() -> None:
     ranks = (depth[:, 1:] > depth[:, :1]).sum(axis=(1, 2, 3))  # the deeper, the lower
     np.testing.assert_allclose(kept["ranks"][[0, 1], ranks], 1)
     assert set(json.loads(summary(kept))) == {"ranks", "sparsified"}
+    # A method that draws some frames alone would choose whose places count.
+    kept["placed"][0] = 0
+    some = sample_figures(kept, kept["places"], true)
+    assert np.isnan(some["place_coverage_95"]).all()
+    assert np.isfinite(columns["place_coverage_95"]).all()
+    np.testing.assert_array_equal(some["crps"], columns["crps"])
     alone = kept_of_draws(None, draws, images, foam, placed=False)
     assert (alone.pop("placed") == 0).all()
     np.testing.assert_allclose(alone.pop("sharpness"), kept["sharpness"])

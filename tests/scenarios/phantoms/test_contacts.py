@@ -77,5 +77,10 @@ def test_what_lies_outside_the_sensor_is_not_seen() -> None:
 def test_contrast_must_be_finite_images() -> None:
     with pytest.raises(InputError, match="finite inside the sensor"):
         contacts(np.full((1, 80, 80), np.nan), FOAM)
-    with pytest.raises(InputError, match="shape"):
-        contacts(np.zeros((80, 80)), FOAM)
+    for find in (contacts, locate):
+        with pytest.raises(InputError, match=r"shape \(n, 80, 80\), got \(80, 80\)"):
+            find(np.zeros((80, 80)), FOAM)
+        with pytest.raises(InputError, match=r"got \(\)"):
+            find(1.0, FOAM)
+    with pytest.raises(InputError, match="finite inside the sensor"):
+        locate(np.full((1, 80, 80), np.inf, np.float32), FOAM)
