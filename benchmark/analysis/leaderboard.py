@@ -112,8 +112,8 @@ def ranked_boards(runs: Sequence[Run]) -> list[list[Entry]]:
 
 def _filled(run: Run) -> pd.DataFrame:
     """The samples of a run without numbers that none of them has: most suites fill a part."""
-    numbers_of = [name for name in run.samples if is_float_dtype(run.samples[name])]
-    empty = [name for name in numbers_of if run.samples[name].isna().all()]
+    floats = [name for name in run.samples if is_float_dtype(run.samples[name])]
+    empty = [name for name in floats if run.samples[name].isna().all()]
     return run.samples.drop(columns=empty)
 
 
@@ -243,6 +243,7 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame, known: Row) -> Row:
 
 
 def _known_numbers(cell: pd.DataFrame, name: str) -> Array:
+    """The values (k,) of a column that are numbers, in its unit; none without the column."""
     values = numbers(cell, name) if name in cell else np.empty(0)
     return values[~np.isnan(values)]
 

@@ -62,6 +62,8 @@ def ssim(
             f"{height} x {width} pixels has no such place: use a finer image grid."
         )
     values = np.empty(n)
+    # BLAS rounds the last rows of a block otherwise: these are the blocks, and the last bits, of
+    # records that were made on as many cores.
     threads = threads_for(-(-n // _BLOCK))
     shares = pairwise(n * k // threads for k in range(threads + 1))
 

@@ -264,13 +264,9 @@ def _of_pixels(
     not above it, and what truth and draws span [S/m]. The `network` sorts K values.
     """
     count, pixels = len(draws), len(chosen)
-    middle, distance, squares = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)
-    apart, below, upto, span = (
-        np.zeros(pixels),
-        np.zeros(pixels),
-        np.zeros(pixels),
-        np.zeros(pixels),
-    )
+    distance, squares, apart = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)
+    below, upto, span = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)
+    middle = np.zeros(pixels)
     # Integers of the same bits are in the same order, and are compared eight at once.
     bits = np.zeros((count, _TILE), np.int32)
     ordered = bits.view(np.float32)
@@ -438,9 +434,9 @@ def sample_figures(kept: Mapping[str, Array], places: Array, true: Array) -> dic
         true: (n, 2) true places [m], NaN where there is none.
     """
     scalar = {name: kept[name] for name in SCALARS}
-    # Else a method could choose the frames whose places count.
-    placed = not (kept["placed"] == 0).any()
-    known = np.where(placed & (kept["placed"][:, None] == 1), true, np.nan)
+    # Of some frames alone they do not: a method could choose those whose places count.
+    counts = (kept["placed"] == 1) & ~(kept["placed"] == 0).any()
+    known = np.where(counts[:, None], true, np.nan)
     return scalar | coverages(kept["ranks"]) | place_figures(places, known)
 
 

@@ -1,8 +1,8 @@
 """Answers of workers as bytes: JSON and arrays of numbers, so that scored code can send data only.
 
 A message is a JSON header, then the content of its arrays one after the other, in pieces: each is
-read into its array at once, where a message of many megabytes would be copied three times. Whoever
-reads it checks it again: the process that sent it runs somebody else's code.
+read into its array at once, so that many megabytes are never copied as a whole. Whoever reads it
+checks it again: the process that sent it runs somebody else's code.
 """
 
 import json

@@ -20,6 +20,8 @@ from eitbench.reports.tables.terminal import table
 _WIDTH = 120
 _SHORT = 7
 """Methods that the README shows."""
+_MOST_GAPS = 2
+"""Scenarios of a suite whose hidden figures are shown; of more, the one in the middle is."""
 
 
 def _commit(name: str) -> str:
@@ -67,16 +69,12 @@ def _records() -> str:
     return printed(heads, rows, right)
 
 
-MOST = 2
-"""Scenarios of a suite with hidden figures; of more, the one in the middle is shown."""
-
-
 def _gaps() -> str:
     rows = []
     for version in sorted(BOARD.glob("2*")):
         for record in read_hidden(version):
             scenarios = list(dict.fromkeys(gap.scenario for gap in record.gaps))
-            shown = scenarios if len(scenarios) <= MOST else [scenarios[len(scenarios) // 2]]
+            shown = scenarios if len(scenarios) <= _MOST_GAPS else [scenarios[len(scenarios) // 2]]
             for gap in (gap for gap in record.gaps if gap.scenario in shown):
                 texts = [f"`{text}`" if k < 2 else text for k, text in enumerate(gap_texts(gap))]
                 rows.append([version.name, *texts, record.key[:8]])

@@ -56,11 +56,9 @@ def packed_images(
         DataCorruptError: the images of a run cannot be read.
     """
     first, runs = next(iter(methods.values()))[0], {run for run, _ in methods.values()}
-    there: set[int] | None = None
-    for run in runs:
-        if not run.whole:  # a record has images of few samples
-            held = set(run.scene(scenario, range(run.n(scenario))).sample.tolist())
-            there = held if there is None else there & held
+    # A record has images of few samples.
+    held = [run.scene(scenario, range(run.n(scenario))).sample for run in runs if not run.whole]
+    there = set.intersection(*(set(of.tolist()) for of in held)) if held else None
     table = _shared_rows(methods, scenario, by, there)
     cases = _cases(table, by)
     if not cases:

@@ -123,8 +123,8 @@ def locate(contrast: ArrayLike, sensor: Sensor, background: float = 0.0) -> Arra
     For a sensor known to be touched once, all that stands out belongs to that touch, in however
     many parts it is drawn. The place is the centre of the |contrast| in excess of a quarter of the
     image's largest; taking the excess makes it change continuously with the image. NaN where the
-    contrast is constant. Images of conductivity are given with their `background` [S/m]. Errors as
-    those of `contacts`.
+    contrast is constant. The `background` [S/m] is taken off first: of images of conductivity it is
+    the sensor's. Errors as those of `contacts`.
     """
     values = np.asarray(contrast)
     if values.dtype != np.float32:  # which is read as it is: draws are many
@@ -143,7 +143,9 @@ def locate(contrast: ArrayLike, sensor: Sensor, background: float = 0.0) -> Arra
     return place
 
 
-_FEW = 20  # images at once: many short steps would make threads wait for each other
+# Images at once: many short steps would make threads wait for each other. A multiple of 4, which
+# BLAS takes together, so that a place has the same last bits as of all images at once.
+_FEW = 20
 
 
 @compiled

@@ -1,5 +1,6 @@
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,17 @@ def test_images_of_chosen_samples(full_run: Path) -> None:
     assert scene.truth is not None
     assert set(np.unique(scene.truth)) == {-1.0, 0.0}
     assert run.scene("position-set", [0]).truth is None
+
+
+@pytest.mark.parametrize("column", ["status", "track", "cluster", "suite"])
+def test_a_column_of_labels_without_any_is_no_surprise(full_run: Path, column: str) -> None:
+    run = read_run(full_run)
+    rows = leaderboard_rows([run])
+    none = leaderboard_rows([replace(run, samples=run.samples.assign(**{column: None}))])
+    # Nothing is grouped by a missing track or suite; frames without a status are not valid ones.
+    assert len(none) == (0 if column in ("track", "suite") else len(rows))
+    if column == "status":
+        assert {row["coverage"] for row in none} == {0.0}
 
 
 def test_a_file_of_images_that_is_kept_open_is_opened_once(
