@@ -17,8 +17,9 @@ import pytest
 from tests.support.waiting import has_ended, wait_for
 
 from eitbench.benchmark.workers import method_service
-from eitbench.benchmark.workers.messages import MAX_TRACE, WorkerLostError
+from eitbench.benchmark.workers.messages import MAX_HEADER, MAX_TRACE, WorkerLostError
 from eitbench.benchmark.workers.method_service import MethodService, learning_splits
+from eitbench.benchmark.workers.process import WorkerProcess
 from eitbench.benchmark.workers.worker import (
     StoppedError,
     Worker,
@@ -224,6 +225,32 @@ def send_half(connection: Connection) -> None:
     os.write(connection.fileno(), (1000).to_bytes(4, "big") + b"half")
     connection.recv()
     connection.recv()
+
+
+def send_long(connection: Connection) -> None:
+    """Send more than a header may have, then nothing."""
+    connection.recv()
+    connection.send_bytes(bytes(MAX_HEADER + 1))
+    connection.recv()
+
+
+def test_the_limit_ends_no_worker_whose_death_is_looked_into(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Or its end would be taken for the worker's own, such as by a lack of memory."""
+    waiting: list[threading.Timer] = []
+
+    def exit_code(_: WorkerProcess) -> None:
+        timers = [of for of in threading.enumerate() if isinstance(of, threading.Timer)]
+        waiting.extend(of for of in timers if not of.finished.is_set())
+
+    monkeypatch.setattr(WorkerProcess, "exit_code", exit_code)
+    with (
+        Worker(send_long) as worker,
+        pytest.raises(WorkerLostError, match="sent something that is no answer"),
+    ):
+        worker.ask("anything", limit=600, what="it")
+    assert waiting == []
 
 
 class MuteError(Exception):
