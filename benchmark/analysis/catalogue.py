@@ -22,11 +22,12 @@ from eitbench.scenarios.suites.suite import suites
 Recording = RecordedSet
 """The descriptor of a recorded set."""
 
-TRAINING = (
-    "scenario", "train_samples", "unlimited", "epochs", "seed", "device", "train_s", "command",
-    "train_data",
-)  # fmt: skip
-"""What is shown of the training behind packaged weights."""
+TRAINING = {
+    "scenario": "Trained on", "train_samples": "Samples", "epochs": "Epochs", "seed": "Seed",
+    "device": "Device", "train_s": "Time [s]", "command": "Command",
+    "train_data": "Hash of the data",
+}  # fmt: skip
+"""What is shown of the training behind packaged weights, by the entry of their file: its name."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class AboutMethod:
         search: the values that tuning tries, by parameter, as text.
         failures: checks of `eitbench check` that it fails by its nature, and why.
         states: what it says beside its images, such as "uncertainty".
-        trained: by sensor, entries `TRAINING` of its packaged weights, those that are known.
+        trained: by sensor and name, entries `TRAINING` of its packaged weights that are known.
     """
 
     description: str
@@ -90,7 +91,7 @@ def _trained(name: str) -> dict[str, dict[str, str]]:
         match = re.fullmatch(rf"{re.escape(name)}-(.+)-[0-9a-f]{{12}}\.json", file.name)
         if match and match[1] in sensors():
             about = json.loads(file.read_text(encoding="utf-8"))
-            found[match[1]] = {key: str(about[key]) for key in TRAINING if key in about}
+            found[match[1]] = {n: str(about[key]) for key, n in TRAINING.items() if key in about}
     return dict(sorted(found.items()))
 
 

@@ -68,11 +68,6 @@ _TRUTHS = {
     "classes": "which parts conduct better or worse",
     "none": "none",
 }
-_NAMES_OF_TRAINING = {
-    "scenario": "Trained on", "train_samples": "Samples", "epochs": "Epochs", "seed": "Seed",
-    "device": "Device", "train_s": "Time [s]", "command": "Command",
-    "train_data": "Hash of the data",
-}  # fmt: skip
 
 
 def write_site(folder: Path, out: Path) -> list[Path]:
@@ -309,7 +304,6 @@ class _Site:
             f"({wins.data_sets} data sets)",
             chosen=chosen_parameters(name, edition),
             told=told(name, edition),
-            names_of_training=_NAMES_OF_TRAINING,
             noise=list(self._noise(name)),
             strips=list(self._images(name)),
             failings=failings(name, edition),

@@ -1,6 +1,7 @@
 """The site: pages whose links lead somewhere, and which say what stored runs say."""
 
 import hashlib
+import html
 import json
 import re
 import shutil
@@ -12,9 +13,11 @@ import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest
 
+from eitbench.benchmark.analysis.catalogue import about_method
 from eitbench.benchmark.analysis.results import SHOWN
 from eitbench.benchmark.submissions.hidden import Gap, HiddenRecord, write_hidden
 from eitbench.benchmark.submissions.rerun import digest
+from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.reports.site.site import write_site
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.errors import InputError
@@ -92,6 +95,27 @@ def test_a_method_has_what_eitbench_says_of_it(runs: Path, tmp_path: Path) -> No
     assert '@register("noser")' in (out / "code/methods/classical/noser.py.txt").read_text()
     assert "eitbench run bench --scenarios conductivity-set --methods noser" in page
     assert (out / "images" / "bench" / "noser.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_every_method_with_packaged_weights_has_a_page(
+    build: Any, dataset_of: Any, tmp_path: Path
+) -> None:
+    """Each file of weights says of its training what it knows."""
+    trained = {
+        name: about.trained for name in METHOD_REGISTRY.known() if (about := about_method(name))
+    }
+    trained = {name: of for name, of in trained.items() if of}
+    assert len(trained) > 5
+    build.add_scaled(dataset_of("conductivity", 12), dict.fromkeys(trained, 0.9), noise=0.02)
+    build.write()
+    write_site(tmp_path, tmp_path / "site")
+    for name, sensors in trained.items():
+        page = html.unescape((tmp_path / "site" / "methods" / f"{name}.html").read_text())
+        for sensor, entries in sensors.items():
+            said = page.partition(f"Packaged weights for {sensor}")[2].partition("</dl>")[0]
+            for what, value in entries.items():
+                assert f"<dt>{what}</dt>" in said
+                assert value in said
 
 
 def test_the_front_counts_what_methods_win(build: Any, dataset_of: Any, tmp_path: Path) -> None:
