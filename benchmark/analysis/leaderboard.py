@@ -238,7 +238,7 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame, known: Row) -> Row:
         row["prior_knowledge"] = describe_prior_knowledge(known.get("prior_knowledge"))
         row["overlap"] = _plain(known.get("overlap"))
         row["actions"] = describe_actions(known.get("actions"))
-        row |= _below_ceiling(keys["scenario"], counted)
+        row |= _below_ceiling(keys["scenario"], data.get("hash"), counted)
     return row
 
 
@@ -248,11 +248,12 @@ def _known_numbers(cell: pd.DataFrame, name: str) -> Array:
     return values[~np.isnan(values)]
 
 
-def _below_ceiling(scenario: str, cell: pd.DataFrame) -> Row:
+def _below_ceiling(scenario: str, data_hash: str | None, cell: pd.DataFrame) -> Row:
     found = None
-    if "psnr" in cell and "input_hash" in cell:
+    if "psnr" in cell:
         psnr, clusters = numbers(cell, "psnr"), cell.get("cluster", cell["sample"])
-        found = below_ceiling(scenario, cell["input_hash"], psnr, clusters)
+        samples = cell["sample"].to_numpy()
+        found = below_ceiling(scenario, data_hash, samples, psnr, clusters)
     ends = ("below_ceiling_db", "below_ceiling_db_low", "below_ceiling_db_high")
     return dict.fromkeys(ends) if found is None else dict(zip(ends, found, strict=True))
 

@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from eitbench.benchmark.ceiling.models import PhantomModels
 from eitbench.benchmark.ceiling.prior import FamilyPrior
+from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.benchmark.ceiling.sampler import PROPOSALS, Draws, Proposals, Sampler, library
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import with_bar
@@ -102,10 +103,13 @@ def draw_posteriors(
     folder: Path,
     samples: int,
     *,
+    record: bool = False,
     jobs: int = 1,
     progress: bool = False,
 ) -> None:
     """Draw from the posteriors of the first `samples` test frames of scenarios.
+
+    With `record`, frames that the product's own record has are left out.
 
     Raises:
         InputError: frames that the sampler does not know the law of, or draws of other frames in
@@ -116,9 +120,10 @@ def draw_posteriors(
     for scenario in map(told, scenarios):
         law = json.dumps(scenario.clean_parameters("test"))
         data = load(scenario, "test", samples, jobs=jobs, progress=progress)
+        recorded = recorded_frames(scenario.name, scenario.data_hash("test") if record else None)
         for sample, input_hash in enumerate(data.frame_hashes):
             path = _path(folder, scenario.name, sample)
-            if _read(path, input_hash) is None:
+            if sample not in recorded.index and _read(path, input_hash) is None:
                 snr_db, voltages = float(data.samples["snr_db"][sample]), data.voltages[sample]
                 frame = _Frame(scenario.name, sample, snr_db, voltages, input_hash, path)
                 units.setdefault((law, sample // TOUCHES), (scenario, []))[1].append(frame)

@@ -27,6 +27,7 @@ from eitbench.benchmark.ceiling.drawing import (
     told,
 )
 from eitbench.benchmark.ceiling.models import images
+from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.benchmark.ceiling.sampler import CORRECTED, PROPOSALS, Draws, Proposals
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.metrics.statistics import bootstrap, means
@@ -54,8 +55,16 @@ FIGURES = ("psnr", "ssim", "cc", "rie", "localisation_mm")
 STATED = tuple(name for name in UNCERTAINTY if name != "uncertainty_ms")
 
 
-def frames_table(folder: Path, scenarios: Sequence[Scenario], samples: int) -> pd.DataFrame:
+def frames_table(
+    folder: Path,
+    scenarios: Sequence[Scenario],
+    samples: int,
+    *,
+    record: bool = False,
+) -> pd.DataFrame:
     """One row for each of the first `samples` frames of scenarios of which `folder` holds draws.
+
+    With `record`, rows that the product's own record has are taken from there.
 
     Columns: `scenario`, `sample`, `input_hash`, `cluster`, `family`, `snr_db` and `touch_snr_db` of
     the frame; `FIGURES` of the mean of both samplers' means; squared errors over the square of the
@@ -72,13 +81,17 @@ def frames_table(folder: Path, scenarios: Sequence[Scenario], samples: int) -> p
     rows = []
     for scenario in map(told, scenarios):
         data = load(scenario, "test", samples)
+        recorded = recorded_frames(scenario.name, scenario.data_hash("test") if record else None)
+        recorded = recorded[recorded["sample"] < samples]
+        if len(recorded):
+            rows.append(recorded)
         truth = data.conductivity
         assert truth is not None
         families = [Parameters(of, data.sensor) for of in scenario.split_families("test")]
         found, estimates, which = [], [], []
         for sample in range(len(data)):
             drawn = draws_of(folder, scenario.name, sample, data.frame_hashes[sample])
-            if drawn is None:
+            if drawn is None or sample in recorded.index:
                 continue
             row, mean = _frame(data, sample, truth[sample], drawn, families)
             found.append(row)
@@ -227,14 +240,22 @@ def _decibels(counts: Array, errors: Array) -> Array:
 
 
 def write_record(
-    draws: Path, suite: str, scenarios: Sequence[Scenario], samples: int, out: Path
+    draws: Path,
+    suite: str,
+    scenarios: Sequence[Scenario],
+    samples: int,
+    out: Path,
+    *,
+    record: bool = False,
 ) -> pd.DataFrame:
     """Write `SUITE.csv` and `SUITE.json` into the folder `out`, from draws; returns the frames.
+
+    For `record` see `frames_table`.
 
     Raises:
         InputError: no draws of the scenarios' frames.
     """
-    frames = frames_table(draws, scenarios, samples)
+    frames = frames_table(draws, scenarios, samples, record=record)
     named = ",".join(scenario.name for scenario in scenarios)
     about = {
         "command": f"eitbench ceiling {suite} --scenarios {named} --samples {samples} --out DIR",

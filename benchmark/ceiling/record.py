@@ -7,7 +7,6 @@ versions and the hashes of the data that made it.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -16,62 +15,48 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, Interval, bootstrap, means
-from eitbench.benchmark.rundir.few_bytes import FRAME_DIGITS, with_short_hashes
-from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.arrays import Array, Index
 
 RECORDS = Path(__file__).parent / "records"
 
 
 @lru_cache(maxsize=1)
-def _stored() -> tuple[pd.DataFrame, dict[str, str], dict[str, pd.Series]]:
-    """All recorded frames, the hash of the data, and the `mse` by frame, of each scenario."""
-    tables = [pd.DataFrame(columns=["scenario", "sample", "input_hash", "mse"])]
-    data: dict[str, str] = {}
+def _stored() -> dict[tuple[str, str | None], pd.DataFrame]:
+    """The recorded frames of each scenario and hash of its test data."""
+    found: dict[tuple[str, str | None], pd.DataFrame] = {}
     for path in sorted(RECORDS.glob("*.json")):
-        data |= json.loads(path.read_text())["data"]
-        tables.append(pd.read_csv(path.with_suffix(".csv")))
-    frames = pd.concat(tables[1:] or tables, ignore_index=True)
-    frames = with_short_hashes(frames).drop_duplicates(["scenario", "input_hash"], keep="last")
-    by_frame = frames.set_index("input_hash").groupby("scenario")["mse"]
-    return frames, data, {str(scenario): errors for scenario, errors in by_frame}
+        data = json.loads(path.read_text())["data"]
+        for scenario, frames in pd.read_csv(path.with_suffix(".csv")).groupby("scenario"):
+            by_sample = frames.set_index(frames["sample"].to_numpy())
+            found[str(scenario), data[scenario]] = by_sample
+    return found
 
 
 def recorded_frames(scenario: str, data_hash: str | None) -> pd.DataFrame:
-    """The recorded frames of a scenario with test data of this hash; no rows where it has none."""
-    frames, data, _ = _stored()
-    known = data_hash is not None and data.get(scenario) == data_hash
-    return frames[(frames["scenario"] == scenario) & known]
+    """The recorded frames of a scenario with test data of this hash, by sample; often none.
 
-
-def frames_among(scenario: str, hashes: Sequence[str]) -> pd.DataFrame:
-    """The recorded frames of a scenario that are among the frames with these `hashes`."""
-    frames, _, _ = _stored()
-    among = frames["input_hash"].isin(_known_by(hashes))
-    return frames[(frames["scenario"] == scenario) & among]
-
-
-def _known_by(hashes: Iterable[str]) -> list[str]:
-    # Records of the leaderboard keep no more digits.
-    return [of[:FRAME_DIGITS] for of in hashes]
+    The hash of what decides the data and the number of the sample say which frame it is. Its bits
+    do not: the last ones depend on the processor.
+    """
+    nothing = pd.DataFrame(columns=["scenario", "sample", "input_hash", "mse"])
+    return _stored().get((scenario, data_hash), nothing)
 
 
 def below_ceiling(
-    scenario: str, hashes: Iterable[str], psnr: Array, clusters: ArrayLike
+    scenario: str, data_hash: str | None, samples: Index, psnr: Array, clusters: ArrayLike
 ) -> Interval | None:
     """How far the mean squared error of a method is above that of the ceiling [dB].
 
     On the frames that both have; None where fewer than `MIN_CLUSTERS` clusters are left.
 
     Args:
-        scenario: name.
-        hashes: (n,) of the frames.
+        scenario, data_hash: see `recorded_frames`.
+        samples: (n,) numbers of the frames.
         psnr: (n,) [dB] of the method.
         clusters: (n,) see `bootstrap`.
     """
-    known = _stored()[2].get(scenario)
-    if known is None:
-        return None
-    least = known.reindex(_known_by(hashes)).to_numpy(np.float64)
+    known = recorded_frames(scenario, data_hash)["mse"]
+    least = known.reindex(samples).to_numpy(np.float64)
     both = np.isfinite(least) & np.isfinite(psnr)
     drawn_with = np.asarray(clusters)[both]
     if len(np.unique(drawn_with)) < MIN_CLUSTERS:

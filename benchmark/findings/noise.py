@@ -67,9 +67,7 @@ def noise_curves(run: Run) -> NoiseCurves | None:
 
 
 def _curves(run: Run, scenarios: list[SimulatedScenario]) -> NoiseCurves:
-    known = [
-        recorded_frames(s.name, s.data_hash("test")).set_index("sample")["mse"] for s in scenarios
-    ]
+    known = [recorded_frames(s.name, s.data_hash("test"))["mse"] for s in scenarios]
     cells = run.samples[run.samples["scenario"].isin([s.name for s in scenarios])]
     cells = cells[cells["psnr"].notna()]
     samples = set.intersection(

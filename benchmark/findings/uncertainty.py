@@ -15,7 +15,7 @@ import pandas as pd
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
 from eitbench.benchmark.analysis.results import Run
-from eitbench.benchmark.ceiling.record import frames_among
+from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.benchmark.findings.noise import CEILING
 from eitbench.benchmark.metrics.aggregation import aggregate
 from eitbench.benchmark.metrics.statistics import (
@@ -90,7 +90,9 @@ def read_uncertainty(run: Run) -> list[Stated]:
             if of["uncertainty_ms"].notna().any():
                 curves = _curves(run, texts.get((scenario, method)))
                 track.append(Stated(scenario, str(method), _figures(of, names), len(of), curves))
-        known = frames_among(scenario, rows["input_hash"].unique().tolist())
+        data = run.manifest.get("data", {}).get(scenario, {})
+        known = recorded_frames(scenario, data.get("hash"))
+        known = known[known["sample"].isin(rows["sample"])]
         stated = [name for name in names if name in known]
         if track and len(known) and stated:
             track.append(Stated(scenario, CEILING, _figures(known, stated), len(known), None))

@@ -19,10 +19,9 @@ from docs.tables.record import STUDIES
 
 from eitbench.benchmark.ceiling.drawing import draw_posteriors
 from eitbench.benchmark.ceiling.figures import frames_table
-from eitbench.benchmark.ceiling.record import frames_among
+from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.benchmark.rundir.manifest import environment
 from eitbench.scenarios.catalogue import sensor
-from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -70,7 +69,7 @@ def write(folder: Path, samples: int, jobs: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     cases = {(k, same): seen_with(k, same, folder) for same in SAME for k in OFFSETS}
     draw_posteriors(list(cases.values()), folder / "draws", samples, jobs=jobs)
-    known = frames_among(KNOWN, load(KNOWN).frame_hashes)
+    known = recorded_frames(KNOWN, scenario_by_name(KNOWN).data_hash("test"))
     tables = [known.assign(offset=3, same=same) for same in SAME] + [
         frames_table(folder / "draws", [scenario], samples).assign(offset=offset, same=same)
         for (offset, same), scenario in cases.items()

@@ -29,13 +29,16 @@ def ceiling(
         str | None, typer.Option(metavar="X,Y", help="These scenarios only (default: all).")
     ] = None,
     samples: Annotated[int, typer.Option(min=2, help="Test samples of each scenario.")] = 200,
+    record: Annotated[
+        bool, typer.Option("--record", help="Draw only frames that the record lacks.")
+    ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     as_json: Json = False,
 ) -> None:
     """Work out how well the touches of a suite could be known by a method that knows their law.
 
     Two samplers draw from the posterior of every frame, told the families, their ranges, the noise,
-    the mesh and the electrodes. Up to a minute a frame, on one core; clean frames get 70 dB.
+    the mesh and the electrodes. One to two minutes a frame, on one core; clean frames get 70 dB.
     """
     from eitbench.benchmark.ceiling.drawing import draw_posteriors
     from eitbench.benchmark.ceiling.figures import summary, write_record
@@ -48,8 +51,9 @@ def ceiling(
     if unknown := [name for name in chosen if name not in declared]:
         raise unknown_name("scenario", unknown[0], declared)
     which = [declared[name] for name in chosen] or list(declared.values())
-    draw_posteriors(which, out / "draws", samples, jobs=jobs, progress=not as_json)
-    frames = write_record(out / "draws", found.name, which, samples, out)
+    draws = out / "draws"
+    draw_posteriors(which, draws, samples, record=record, jobs=jobs, progress=not as_json)
+    frames = write_record(draws, found.name, which, samples, out, record=record)
     rows = summary(frames).to_dict("records")
     if as_json:
         print_json([{name: finite(value) for name, value in row.items()} for row in rows])
