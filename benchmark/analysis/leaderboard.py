@@ -250,7 +250,7 @@ def _known_numbers(cell: pd.DataFrame, name: str) -> Array:
 
 def _below_ceiling(scenario: str, data_hash: str | None, cell: pd.DataFrame) -> Row:
     found = None
-    if "psnr" in cell:
+    if {"psnr", "sample"} <= set(cell):
         psnr, clusters = numbers(cell, "psnr"), cell.get("cluster", cell["sample"])
         samples = cell["sample"].to_numpy()
         found = below_ceiling(scenario, data_hash, samples, psnr, clusters)

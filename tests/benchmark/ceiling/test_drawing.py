@@ -1,10 +1,12 @@
 """Draws are kept, resumed and of the frames that they are said to be of."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from pandas.testing import assert_frame_equal
 
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
@@ -16,7 +18,7 @@ from eitbench.benchmark.findings.uncertainty import read_uncertainty
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.reports.tables.boards import note, printed_boards
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
-from eitbench.scenarios.suites.suite import Suite, load_suite
+from eitbench.scenarios.suites.suite import Suite, load_suite, scenario_by_name
 
 FAST = SimulatedScenario(
     name="few", image_shape=(24, 24), families=("circle",),
@@ -61,6 +63,23 @@ def test_clean_frames_are_those_of_70_db() -> None:
     assert (found.name, found.noise.test) == ("few-clean-at-70db", 70)
     assert found.phantom_stream == "few-clean"
     assert told(FAST) is FAST
+
+
+def test_frames_of_the_record_are_not_drawn_again(tmp_path: Path) -> None:
+    """They are known by their data and numbers: bits of frames depend on the processor."""
+    level = scenario_by_name("noise-30db")
+    draw_posteriors([level], tmp_path / "draws", 2, record=True)
+    assert not (tmp_path / "draws").exists()
+    kept = write_record(tmp_path / "draws", "noise", [level], 2, tmp_path, record=True)
+    known = record.recorded_frames("noise-30db", level.data_hash("test"))
+    assert_frame_equal(kept.set_index(kept["sample"].to_numpy()), known.iloc[:2])
+
+
+def test_the_record_is_by_the_sampler_as_it_is() -> None:
+    for path in record.RECORDS.glob("*.json"):
+        about = json.loads(path.read_text())["sampler"]
+        now = (drawing.VERSION, drawing.PARTICLES, drawing.LIBRARY, drawing.SEEDS)
+        assert (about["version"], about["particles"], about["library"], about["seeds"]) == now
 
 
 def record_of(scenario: SimulatedScenario, folder: Path) -> pd.DataFrame:

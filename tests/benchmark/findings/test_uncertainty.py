@@ -10,6 +10,7 @@ import pytest
 
 from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.results import Run, read_run
+from eitbench.benchmark.ceiling import record
 from eitbench.benchmark.findings.noise import CEILING
 from eitbench.benchmark.findings.uncertainty import read_uncertainty
 from eitbench.benchmark.metrics.uncertainty import LEVELS, UNCERTAINTY, figures_of_draws
@@ -139,7 +140,7 @@ def test_every_figure_has_an_interval_over_sessions(run: Run) -> None:
     sessions = np.repeat(np.arange(60), 3)
     drawn = {name: rng.uniform(0.5, 1.5, 60)[sessions] for name in UNCERTAINTY}
     rows = pd.DataFrame(drawn).assign(
-        scenario="n", method="deviates", cluster=[f"s{k}" for k in sessions], input_hash="h"
+        scenario="n", method="deviates", cluster=[f"s{k}" for k in sessions], sample=0
     )
     (found,) = read_uncertainty(replace(run, samples=rows))
     for name, (value, low, high) in found.figures.items():
@@ -177,14 +178,16 @@ def test_a_frame_that_failed_is_charged_as_certain_of_an_untouched_sensor(run: R
 
 def test_the_ceiling_is_judged_like_a_method(run: Run, records: Path) -> None:
     records.mkdir()
-    hashes = run.cell("n", "noser")["input_hash"].tolist()
     rows = [
-        {"scenario": "n", "sample": k, "input_hash": of, "mse": 1e-3, "crps": 1e-4 * (k + 1),
+        {"scenario": "n", "sample": sample, "mse": 1e-3, "crps": 1e-4 * (k + 1),
          "coverage_95": 0.95, "cluster": f"c{k}"}
-        for k, of in enumerate([*hashes[:3], "another frame"])
+        for k, sample in enumerate([0, 1, 2, 1_000])
     ]  # fmt: skip
     pd.DataFrame(rows).to_csv(records / "n.csv", index=False)
-    (records / "n.json").write_text(json.dumps({"data": {"n": "hash"}}))
+    (records / "n.json").write_text(json.dumps({"data": {"n": "of other data"}}))
+    assert all(of.method != CEILING for of in read_uncertainty(run))
+    (records / "n.json").write_text(json.dumps({"data": {"n": SCENARIO.data_hash("test")}}))
+    record._stored.cache_clear()
     first = read_uncertainty(run)[0]
     assert (first.method, first.n, first.curves) == (CEILING, 3, None)
     assert first.figures["crps"].value == pytest.approx(2e-4)
