@@ -20,7 +20,7 @@ from pydantic import TypeAdapter
 
 from eitbench.benchmark.run.cell_task import NAN, CellTask, StoredSamples
 from eitbench.benchmark.run.progress import Advance
-from eitbench.benchmark.run.timing import calibrated
+from eitbench.benchmark.run.timing import Conditions
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.cells import Batch, Values
 from eitbench.benchmark.rundir.run_arrays import TRUTH
@@ -39,7 +39,7 @@ from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 PRIOR_KNOWLEDGE_LIMIT_S = 60.0
 ACTIONS = 5  # of each kind that are shown
 SAVE_SECONDS = 1.0  # samples that are asked for one by one are stored as often as this
-# Conditions of a cell that was not timed, see `calibrated`.
+# Conditions of a cell that was not timed, see `Conditions`.
 _UNTIMED = {
     "timed": "",
     "actions": "",
@@ -54,19 +54,22 @@ def run_cell(
     stop: threading.Event,
     core: int | None = None,
     *,
+    calm_ms: float | None = None,
     isolate: bool = False,
 ) -> None:
     """Run the batches that are not stored yet, then score the cell; whatever it does is a row.
 
     Args:
         core: the core that it has to itself; None where it shares the machine with other cells.
+        calm_ms: see `Conditions`.
         isolate: true if it may neither use the network nor read files of others.
 
     Raises:
         StoppedError: the run was interrupted; finished batches are stored.
         EitbenchError: the store could not be written or read.
     """
-    score_cell(task, BatchRunner(task, progress, stop, core, isolate=isolate).run())
+    runner = BatchRunner(task, progress, stop, core, calm_ms=calm_ms, isolate=isolate)
+    score_cell(task, runner.run())
     if task.plan.cell.variant:  # other tracks keep figures, no images
         task.store.forget_answers(task.plan.cell)
 
@@ -206,9 +209,10 @@ class BatchRunner:
         stop: threading.Event,
         core: int | None = None,
         *,
+        calm_ms: float | None = None,
         isolate: bool = False,
     ) -> None:
-        self.task, self.progress, self._core = task, progress, core
+        self.task, self.progress, self._core, self._calm_ms = task, progress, core, calm_ms
         self.plan, self.store = task.plan, task.store
         batches = [
             (split, slice(start, min(start + self.plan.batch, size)))
@@ -275,8 +279,8 @@ class BatchRunner:
             elif state.working:
                 self._worker.start()
             self._run_pending()
-            with calibrated(self._core) as measured:
-                measured |= self.task.warm(self._send, pinned=self._core is not None)
+            beside = Conditions(self._core, self._calm_ms)
+            measured = self.task.warm(self._send, beside) | beside.columns()
             measured |= self._prior_knowledge()
         except WorkerLostError as lost:
             state.failure = lost.failure

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from eitbench.benchmark.run.timing import Conditions
 from eitbench.benchmark.rundir.cells import Cell, Values
 from eitbench.benchmark.rundir.run_arrays import Truth
 from eitbench.benchmark.rundir.store import RunStore
@@ -172,12 +173,8 @@ class CellTask(ABC):
         That is "" of valid ones, see `not_finite`.
         """
 
-    def warm(self, ask: Ask, *, pinned: bool) -> dict[str, float]:
-        """Return times of the warm task, measured on valid samples of the test split.
-
-        Args:
-            pinned: true if it has a core to itself, so that longer measuring tells more.
-        """
+    def warm(self, ask: Ask, beside: Conditions) -> dict[str, float]:
+        """Return times of the warm task that count, measured on valid samples of the test split."""
         return {}
 
     def set_up(self, value: object) -> dict[str, Any]:

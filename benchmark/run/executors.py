@@ -51,10 +51,12 @@ class Executor:
     Attributes:
         slots: number of cells that may run at a time.
         isolate: true if methods may neither use the network nor read files of others.
+        calm_ms: see `Conditions`; of the runs with one slot.
     """
 
     slots: int
     isolate: bool = False
+    calm_ms: float | None = None
 
     def run(
         self,
@@ -75,7 +77,8 @@ class Executor:
             prepare(task, progress, stop)
         else:
             core = core_to_pin() if self.slots == 1 else None
-            run_cell(task, progress, stop, core, isolate=self.isolate)
+            calm_ms = None if core is None else self.calm_ms
+            run_cell(task, progress, stop, core, calm_ms=calm_ms, isolate=self.isolate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,12 +207,14 @@ class DaskExecutor(Executor):
 
 
 @contextmanager
-def executor(jobs: int, scheduler: str | None, isolate: bool) -> Iterator[Executor]:
+def executor(
+    jobs: int, scheduler: str | None, isolate: bool, calm_ms: float | None = None
+) -> Iterator[Executor]:
     """Yield the executor: this machine with `jobs` cells at a time, or a cluster.
 
     Args:
         scheduler: address of the Dask scheduler of the cluster; None for this machine.
-        isolate: see `Executor`; for this machine only.
+        isolate, calm_ms: see `Executor`; for this machine only.
 
     Raises:
         InputError: `distributed` is not installed, no scheduler answers there, or methods cannot
@@ -222,7 +227,7 @@ def executor(jobs: int, scheduler: str | None, isolate: bool) -> Iterator[Execut
             raise InputError("--isolate is for this machine: leave out --scheduler.")
     if scheduler is None:
         process_context()  # what workers are forked from loads eitbench while data are loaded
-        yield Executor(jobs, isolate)
+        yield Executor(jobs, isolate, calm_ms)
         return
     if not re.search(r":\d+$", scheduler):
         raise InputError(

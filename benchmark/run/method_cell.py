@@ -39,6 +39,7 @@ from eitbench.benchmark.run.cell_task import (
     not_finite,
 )
 from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns, read_report
+from eitbench.benchmark.run.timing import Conditions
 from eitbench.benchmark.rundir.cells import Values
 from eitbench.benchmark.rundir.run_arrays import Truth
 from eitbench.benchmark.rundir.store import RunStore
@@ -216,7 +217,7 @@ class FrameTask(CellTask):
         answer: MethodSetUp = parsed(_SET_UP, value, "set-up")
         return {**vars(answer), "parameters": json.dumps(answer.parameters)}
 
-    def warm(self, ask: Ask, *, pinned: bool) -> dict[str, float]:
+    def warm(self, ask: Ask, beside: Conditions) -> dict[str, float]:
         """Return times of single valid frames; p99 is NaN below `TAIL_FRAMES` of them.
 
         p95 is of all frames that were timed; of few it is near the slowest.
@@ -228,7 +229,7 @@ class FrameTask(CellTask):
         # A last frame that is as slow as it may be, and what lies between frames.
         limit = self.plan.suite.frame_limit_s + 10 * WARM_SECONDS
         good, times = np.roll(np.flatnonzero(StoredSamples(self).valid), -1), np.empty(0)
-        worth = pinned and len(good) >= TAIL_FRAMES
+        worth = beside.pinned and len(good) >= TAIL_FRAMES
 
         def enough(n: int, spent: float) -> bool:
             in_time = worth and spent * TAIL_FRAMES <= n * TAIL_SECONDS
@@ -245,7 +246,10 @@ class FrameTask(CellTask):
                 break
             if reply.failure is not None:
                 break
-            times = np.append(times, found)
+            if beside.counts():
+                times = np.append(times, found)
+            elif beside.over:
+                break
         return {
             "frame_ms_p50": 1e3 * float(np.median(times)) if len(times) else NAN,
             "frame_ms_p95": 1e3 * float(np.percentile(times, 95)) if len(times) else NAN,

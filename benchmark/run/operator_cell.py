@@ -27,6 +27,7 @@ from eitbench.benchmark.run.cell_task import (
     StoredSamples,
     not_finite,
 )
+from eitbench.benchmark.run.timing import Conditions
 from eitbench.benchmark.rundir.cells import Cell, Values
 from eitbench.benchmark.rundir.run_arrays import TOUCHES_KEPT, TRUTH, Truth
 from eitbench.benchmark.rundir.store import RunStore
@@ -263,7 +264,7 @@ class OperatorCellTask(CellTask):
         inside = slice(rows.start - start, rows.stop - start)
         return stored.values["gradient"][inside].astype(np.float64)
 
-    def warm(self, ask: Ask, *, pinned: bool) -> dict[str, float]:
+    def warm(self, ask: Ask, beside: Conditions) -> dict[str, float]:
         """Return the time of a sample in whole valid batches: the median over batches [ms]."""
         valid = StoredSamples(self).valid
         size = min(self.plan.batch, len(self.data.clean))
@@ -283,8 +284,11 @@ class OperatorCellTask(CellTask):
                 break
             if reply.failure is not None:
                 break
-            found.append(evaluation(reply))
-            spent += reply.seconds
+            if beside.counts():
+                found.append(evaluation(reply))
+                spent += reply.seconds
+            elif beside.over:
+                break
         if not found:
             return {}
         return {

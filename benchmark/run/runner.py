@@ -125,6 +125,7 @@ def start_run(
     scheduler: str | None = None,
     isolate: bool = False,
     time_limit_s: float | None = None,
+    calm_ms: float | None = None,
     progress: RunProgress | None = None,
 ) -> RunResult:
     """Run `plan` into the new directory `out`, `jobs` cells at a time.
@@ -134,6 +135,8 @@ def start_run(
             how many processes simulate data here.
         isolate: keep methods from the network, and from reading files that are not theirs.
         time_limit_s: seconds after which the run stops as by Ctrl-C, and returns.
+        calm_ms: with one job, wait for the machine to be so calm while methods are timed; the most
+            that the calibration solve takes then [ms].
 
     Call it from a script only under `if __name__ == "__main__":`, since it starts processes.
 
@@ -145,7 +148,10 @@ def start_run(
         EitbenchError: `out` cannot be written.
     """
     progress = progress or RunProgress(quiet=True)
-    with executor(jobs, scheduler, isolate) as where, TimeLimit(time_limit_s) as limit:
+    with (
+        executor(jobs, scheduler, isolate, calm_ms) as where,
+        TimeLimit(time_limit_s) as limit,
+    ):
         store = RunStore.create(out, plan.kind)
         with locked(out), termination_interrupts():
             try:
@@ -169,6 +175,7 @@ def resume_run(
     scheduler: str | None = None,
     isolate: bool = False,
     time_limit_s: float | None = None,
+    calm_ms: float | None = None,
     progress: RunProgress | None = None,
 ) -> RunResult:
     """Continue the run in `run`, in place, with the plan it was started with.
@@ -177,7 +184,7 @@ def resume_run(
         jobs: as for `start_run`; it may be another number than before.
         scheduler: as for `start_run`; it may be another one, or none.
         isolate: as for `start_run`.
-        time_limit_s: as for `start_run`.
+        time_limit_s, calm_ms: as for `start_run`.
 
     Raises:
         InputError: `run` is no run directory, belongs to another suite, plugin or data, or another
@@ -194,7 +201,7 @@ def resume_run(
     with (
         locked(run),
         termination_interrupts(),
-        executor(jobs, scheduler, isolate) as where,
+        executor(jobs, scheduler, isolate, calm_ms) as where,
         TimeLimit(time_limit_s) as limit,
     ):
         manifest, _ = read_resumable(run)  # another process may just have finished it

@@ -24,6 +24,8 @@ from eitbench.scenarios.arrays import Array
 SOLVES = 3
 """Solves before, and as many after, what is timed."""
 
+PATIENCE_S = 60.0
+"""Time for which a board waits for a calm machine with each cell [s]."""
 
 LOOK_S = 0.05
 """How long cores are watched for the idlest one [s]."""
@@ -80,25 +82,69 @@ def on_core(core: int | None) -> Iterator[None]:
         os.sched_setaffinity(0, before)
 
 
-@contextmanager
-def calibrated(core: int | None) -> Iterator[dict[str, Any]]:
-    """Fill the columns of a cell that tell under which conditions it is timed in the block.
+class Conditions:
+    """The conditions under which a cell is timed: the calibration solve beside it, and load.
 
-    They are `calibration_ms`, the median solve before and after; `calibration_spread`, the slowest
-    of these solves over the fastest; `load`, the mean number of cores that other programs kept
-    busy; `cpu_mhz`, NaN where it is not known; and `timed`.
+    Other programs slow a machine down for seconds at a time. Who times for a board says what a
+    solve takes there when the machine is calm; what is timed beside slower ones does not count,
+    for as long as `PATIENCE_S`. Nothing is chosen by what the timed method takes.
+
+    Attributes:
+        pinned: true if the cell has a core to itself.
     """
-    found: dict[str, Any] = {"timed": SHARED if core is None else PINNED}
-    with on_core(core):
-        before = calibration_solves()
-    load = _Load()
-    yield found
-    found["load"] = load.of_others()
-    found["cpu_mhz"] = _mhz()
-    with on_core(core):
-        solves = before + calibration_solves()
-    found["calibration_ms"] = float(np.median(solves))
-    found["calibration_spread"] = max(solves) / min(solves)
+
+    def __init__(self, core: int | None, calm_ms: float | None = None) -> None:
+        """Begin; `calm_ms` is the most that a solve takes on a calm machine, if it is waited for.
+
+        Args:
+            core: the core that the cell has to itself; None where it shares the machine.
+        """
+        self._core, self._calm_ms, self.pinned = core, calm_ms, core is not None
+        self._last = self._solves()
+        self._beside: list[list[float]] = []
+        self._load, self._end = _Load(), time.monotonic() + PATIENCE_S
+
+    def _solves(self) -> list[float]:
+        with on_core(self._core):
+            return calibration_solves()
+
+    @property
+    def over(self) -> bool:
+        """True if no calm machine is waited for any more."""
+        return self._calm_ms is None or time.monotonic() > self._end
+
+    def counts(self) -> bool:
+        """True if what was timed since the last call counts.
+
+        When time is up it counts if nothing did before.
+        """
+        if self._calm_ms is None:
+            return True
+        before, self._last = self._last, self._solves()
+        calm = float(np.median(before + self._last)) <= self._calm_ms
+        counts = calm or (self.over and not self._beside)
+        if counts:
+            # In a row the solves after one are those before the next.
+            again = bool(self._beside) and self._beside[-1] is before
+            self._beside += [self._last] if again else [before, self._last]
+        return counts
+
+    def columns(self) -> dict[str, Any]:
+        """The columns of the cell, when it has been timed.
+
+        They are `calibration_ms`, the median solve beside what counts; `calibration_spread`, the
+        slowest of these over the fastest; `load`, the mean number of cores that other programs
+        kept busy; `cpu_mhz`, NaN where it is not known; and `timed`.
+        """
+        load, mhz = self._load.of_others(), _mhz()
+        solves = np.concatenate(self._beside or [self._last, self._solves()])
+        return {
+            "timed": PINNED if self.pinned else SHARED,
+            "load": load,
+            "cpu_mhz": mhz,
+            "calibration_ms": float(np.median(solves)),
+            "calibration_spread": float(solves.max() / solves.min()),
+        }
 
 
 class _Load:

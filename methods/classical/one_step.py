@@ -90,8 +90,9 @@ class GaussianStep(OneStep):
         scale = np.sqrt(np.einsum("nm,mk,nk->n", data, self._precision, data) / data.shape[1])
         mean = self._problem.difference(voltages, self.gain_power) @ self._matrix
         images = []
-        for frame, s, x in zip(data, scale, mean, strict=True):
-            # Frames have numbers of their own, the same each time.
+        for frame, s, x in zip(voltages, scale, mean, strict=True):
+            # Frames have numbers of their own, the same each time: of the voltages as they come,
+            # since the last bits of a small difference depend on the processor.
             rng = np.random.default_rng(zlib.crc32(frame.astype(np.float32).tobytes()))
             chosen = rng.choice(OFFSETS, DRAWS, replace=False)
             images.append(self._linearisation.images(x + s * self._offsets[chosen]))

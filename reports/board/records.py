@@ -26,6 +26,7 @@ from eitbench.benchmark.analysis.results import (
 )
 from eitbench.benchmark.findings.acuity_seen import SEEN_FILE, seen_table
 from eitbench.benchmark.findings.drift import ALARMS_FILE, alarms
+from eitbench.benchmark.run.timing import calibration_solves
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.few_bytes import packed, rounded, with_short_hashes
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
@@ -181,15 +182,26 @@ def _without_busy_times(run: Run, out: Path) -> pd.DataFrame:
     know of the same machine. A ratio of the two would mislead, too: the load changes meanwhile.
     """
     cells = run.cells.copy()
-    records = sorted(out.parents[1].glob(f"2*/*/{manifest.FILE_NAME}"))
-    others = [read_run(path.parent) for path in records]
-    fastest: dict[str, float] = {}
-    for of in (run, *others):
-        for machine, solve in fastest_solves(of.cells, of.manifest).items():
-            fastest[machine] = min(solve, fastest.get(machine, np.inf))
+    fastest = _fastest(out.parents[1], run)
     cells["busy"] = cells["calibration_ms"] > BUSY * cells["machine"].map(fastest)
     cells.loc[cells["busy"], [name for name in SPEEDS if name in cells]] = np.nan
     return cells
+
+
+def calm_ms(records: Path) -> float:
+    """The most that the calibration solve may take beside what a record has times of, here [ms]."""
+    solves = [*calibration_solves(), *calibration_solves()]
+    return BUSY * min(_fastest(records).get(manifest.cpu_model(), np.inf), *solves)
+
+
+def _fastest(records: Path, *runs: Run) -> dict[str, float]:
+    """The fastest calibration solve of each machine of `runs` and of all records [ms]."""
+    others = [read_run(path.parent) for path in sorted(records.glob(f"2*/*/{manifest.FILE_NAME}"))]
+    fastest: dict[str, float] = {}
+    for of in (*runs, *others):
+        for machine, solve in fastest_solves(of.cells, of.manifest).items():
+            fastest[machine] = min(solve, fastest.get(machine, np.inf))
+    return fastest
 
 
 def check_new(out: Path) -> None:

@@ -47,7 +47,7 @@ def board(
     from eitbench.benchmark.rundir import manifest
     from eitbench.commands.console import names_in, warn
     from eitbench.reports.board.changes import REASONS, changes, in_words, last_before, reasons
-    from eitbench.reports.board.records import check_new, cost, write_record
+    from eitbench.reports.board.records import calm_ms, check_new, cost, write_record
     from eitbench.scenarios.errors import InputError, unknown_name
     from eitbench.scenarios.suites.suite import load_suite, suites
 
@@ -85,11 +85,13 @@ def board(
                 f"{run} holds a run of {', '.join(named)} on {', '.join(ran)}: name another folder "
                 "for --runs."
             )
-        result = resume_run(run, suite=declared, jobs=jobs, progress=progress)
+        result = resume_run(
+            run, suite=declared, jobs=jobs, calm_ms=calm_ms(records), progress=progress
+        )
     elif run.exists() and not (run.is_dir() and not any(run.iterdir())):
         raise InputError(f"{run} holds something that is no run: name another folder for --runs.")
     else:
-        result = start_run(plan, run, jobs=jobs, progress=progress)
+        result = start_run(plan, run, jobs=jobs, calm_ms=calm_ms(records), progress=progress)
     for sentence in (*result.skipped, *result.refused):
         warn(sentence)
     typer.echo(f"Record: {write_record(result.path, out, older if part else None)}")

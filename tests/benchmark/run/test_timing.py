@@ -4,7 +4,9 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,14 +28,26 @@ PINNABLE = pytest.mark.skipif(
 FRAME_LIMIT_S = 5.0
 
 
+def warm_of(
+    samples: int, beside: Any, ask: Callable[..., Reply], monkeypatch: pytest.MonkeyPatch
+) -> dict[str, float]:
+    """Figures of a method's frames, which `ask` times; all are valid."""
+    valid = np.ones(samples, dtype=bool)
+    monkeypatch.setattr(method_cell, "WARM_SECONDS", 1.0)
+    monkeypatch.setattr(method_cell, "TAIL_SECONDS", 20.0)
+    monkeypatch.setattr(method_cell, "StoredSamples", lambda task: SimpleNamespace(valid=valid))
+    suite = SimpleNamespace(frame_limit_s=FRAME_LIMIT_S)
+    plan: Any = SimpleNamespace(cell=SimpleNamespace(variant=""), suite=suite)
+    frames = np.arange(float(samples))[:, None]
+    data: Any = SimpleNamespace(frames=lambda split: (frames, frames))
+    nothing: Any = None
+    return MethodCellTask(plan, nothing, data).warm(ask, beside)
+
+
 def times_of(
     seconds: float, samples: int, *, pinned: bool, monkeypatch: pytest.MonkeyPatch
 ) -> dict[str, float]:
     """Figures of frames that take `seconds` each, every tenth of them twice as long."""
-    valid = np.ones(samples, dtype=bool)
-    monkeypatch.setattr(method_cell, "WARM_SECONDS", 1.0)
-    monkeypatch.setattr(method_cell, "TAIL_SECONDS", 20.0)
-    monkeypatch.setattr(method_cell, "StoredSamples", lambda task: type("", (), {"valid": valid}))
     asked: list[int] = []
 
     class Service(FrameService):
@@ -50,12 +64,8 @@ def times_of(
         return Service().times(*inputs)
 
     messages: list[str] = []
-    suite = type("", (), {"frame_limit_s": FRAME_LIMIT_S})
-    plan: Any = type("", (), {"cell": type("", (), {"variant": ""}), "suite": suite})
-    frames = np.arange(float(samples))[:, None]
-    data: Any = type("", (), {"frames": lambda self, split: (frames, frames)})()
-    nothing: Any = None
-    found = MethodCellTask(plan, nothing, data).warm(ask, pinned=pinned)
+    beside = SimpleNamespace(pinned=pinned, counts=lambda: True)
+    found = warm_of(samples, beside, ask, monkeypatch)
     # In turn; the first frame was timed before and comes last.
     assert asked == [(k + 1) % samples for k in range(len(asked))]
     return found | {"frames": len(asked), "messages": len(messages)}
@@ -140,6 +150,41 @@ def test_one_cell_at_a_time_has_a_core_of_its_own_and_two_share(
         assert row["calibration_ms"] > 0
         assert row["calibration_spread"] >= 1
     assert os.sched_getaffinity(0) == before
+
+
+def test_what_is_timed_beside_slow_solves_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A solve of a calm machine takes 22 ms at most; the third chunk is between two that do."""
+    solves = iter([[20.0], [40.0], [22.0], [21.0], [23.0]])
+    monkeypatch.setattr(timing, "calibration_solves", lambda: next(solves))
+    monkeypatch.setattr(timing._Load, "_state", staticmethod(lambda: (0.0, 0.0, 0.0)))
+    beside = timing.Conditions(None, calm_ms=22.0)
+    assert [beside.counts() for _ in range(4)] == [False, False, True, True]
+    found = beside.columns()
+    assert found["calibration_ms"] == 22.0  # the median of 22, 21 and 23
+    assert found["calibration_spread"] == 23 / 21
+
+
+def test_a_machine_that_is_never_calm_is_timed_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(timing, "calibration_solves", lambda: [40.0])
+    monkeypatch.setattr(timing, "PATIENCE_S", 0.0)
+    beside = timing.Conditions(None, calm_ms=22.0)
+    assert beside.counts()
+    assert beside.over
+    assert not beside.counts()
+    assert beside.columns()["calibration_ms"] == 40.0
+
+
+def test_frames_that_did_not_count_are_timed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    counted = iter([False, True])
+    asked: list[list[float]] = []
+
+    def ask(*request: Any, limit: float, what: str) -> Reply:
+        asked.append(request[4][:, 0].tolist())
+        return Reply([0.5, 0.5] if len(asked) > 1 else [9.0, 9.0], 0.0)
+
+    beside: Any = SimpleNamespace(pinned=True, over=False, counts=lambda: next(counted))
+    assert warm_of(4, beside, ask, monkeypatch)["frame_ms_p50"] == 500
+    assert asked == [[1, 2, 3, 0]] * 2
 
 
 def test_the_load_of_other_programs_leaves_out_our_own(monkeypatch: pytest.MonkeyPatch) -> None:
