@@ -36,6 +36,7 @@ from eitbench.benchmark.rundir.store import SAMPLES, TRACKS, RunStore
 from eitbench.benchmark.submissions.check import Check
 from eitbench.benchmark.submissions.submission import Submission
 from eitbench.benchmark.workers.confinement import check_isolation
+from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.storage.atomic_write import atomic_write
 
@@ -74,6 +75,8 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     copy = None if plugin is None else run.path / plugin.kept
     if plugin is not None and not (copy and copy.is_file() and sha256(copy) == plugin.sha256):
         return "The run directory lacks a copy of the method's plugin: run the suite again."
+    if plugin is None and name not in METHOD_REGISTRY.known():
+        return f"The package that {name!r} comes from is not installed here: install it."
     cell, suite = Cell(scenario, name), submission.plan.suite
     plan = CellPlan(
         cell, entry["track"], entry["parameters"], entry["spent"], suite, copy, data.batch

@@ -129,7 +129,7 @@ def names_its_version(of: Submission) -> str:
 
 
 def names_are_clear(of: Submission) -> str:
-    """A name of a method is ours, looks like another one, or comes from nowhere."""
+    """A name of a method is ours, or looks like another one."""
     registered = METHOD_REGISTRY.known()
     known = {folded(name): name for name in registered}
     for name in of.plan.names:
@@ -145,11 +145,6 @@ def names_are_clear(of: Submission) -> str:
             )
         if known.setdefault(folded(name), name) != name:
             return f"{name!r} looks like {known[folded(name)]!r}: choose another name."
-        if name not in registered and name not in of.plan.origins:
-            return (
-                f"{name!r} comes from a package that is not installed here: install it, or run "
-                "the suite with --plugin."
-            )
     return ""
 
 
@@ -160,6 +155,11 @@ def folded(name: str) -> str:
 
 
 _ALIKE = str.maketrans({"0": "o", "1": "l", "i": "l", "|": "l", "5": "s", **dict.fromkeys("-_ .")})
+
+
+def _is_known(of: Submission, name: str) -> bool:
+    """True for a method of a package that is installed here, and of no plugin."""
+    return name not in of.plan.origins and name in METHOD_REGISTRY.known()
 
 
 def is_complete(of: Submission) -> str:
@@ -184,8 +184,9 @@ def is_complete(of: Submission) -> str:
     for scenario in plan.suite.scenarios:
         for name in plan.names:
             # A method without weights for a sensor is left out by the run itself.
-            if name in plan.origins or not of.data[scenario.name].unusable(name):
-                expected.append((scenario.name, name))
+            if _is_known(of, name) and of.data[scenario.name].unusable(name):
+                continue
+            expected.append((scenario.name, name))
     ranked = [(c["scenario"], c["name"]) for c in run.manifest["cells"] if not c["variant"]]
     rows = list(zip(run.cells["scenario"], run.cells["method"], strict=True))
     sampled = [*cells_of(run.samples)]
@@ -246,11 +247,10 @@ def choices_are_ours(of: Submission) -> str:
             continue
         name, data = entry["name"], of.data[entry["scenario"]]
         labels[entry["scenario"], name] = entry["track"]
-        (ours, *_) = cell_entries(of.plan, data, name)
-        # What was chosen for a plugin, and its weights, are its author's.
-        compared = ("track", "parameters", "weights") if name not in of.plan.origins else ()
-        for what in compared:
-            if entry[what] != ours[what]:
+        # What was chosen for any other, and its weights, are its author's.
+        (ours, *_) = cell_entries(of.plan, data, name) if _is_known(of, name) else ({},)
+        for what in ("track", "parameters", "weights"):
+            if ours and entry[what] != ours[what]:
                 return (
                     f"The {what} of {name!r} on {entry['scenario']!r} are not those that come with "
                     "eitbench: run it again without choices and weights of your own."

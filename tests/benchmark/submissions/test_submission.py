@@ -64,6 +64,20 @@ def test_an_honest_run_passes(submitted: Path) -> None:
     assert [check.problem for check in checks] == [""] * len(CHECKS)
 
 
+def test_the_package_of_a_method_need_not_be_installed_here(
+    submitted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = shutil.copytree(submitted, tmp_path / "run")
+    monkeypatch.delitem(METHOD_REGISTRY._registered, "my-noser")
+    assert "my-noser" not in METHOD_REGISTRY.known()
+    assert {check.problem for check in check_submission(open_submission(run))} == {""}
+    problems = [check.problem for check in rerun(open_submission(run), 1)]
+    assert problems == [
+        "The package that 'my-noser' comes from is not installed here: install it.",
+        "",
+    ]
+
+
 Edit = Callable[[Path], object]
 
 
@@ -288,7 +302,7 @@ def copy_the_truth(run: Path, method: str = "my-noser") -> None:
         (another_name("n0ser"), NAMES, "'n0ser' looks like 'noser'"),
         (another_name("n\u043eser"), NAMES, "is not ASCII"),
         (another_name("noser"), NAMES, "'noser' is a method of eitbench"),
-        (another_name("theirs"), NAMES, "'theirs' comes from a package that is not installed"),
+        (another_name("theirs"), ROWS, "'theirs' was not run on 'tiny'"),
         (another_name("a/b"), NAMES, "cannot name a method"),
         (edit_json(lambda m: m["plan"]["names"].pop()), ROWS, "but not in the plan"),
         (
