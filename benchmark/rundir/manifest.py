@@ -217,7 +217,7 @@ def read(run: Path) -> Manifest:
 def first_problem(error: ValidationError) -> tuple[str, str]:
     """Place and reason of the first problem."""
     first = error.errors(include_url=False)[0]
-    return ".".join(map(str, first["loc"])), first["msg"]
+    return ".".join(map(str, first["loc"])), first["msg"].removeprefix("Value error, ")
 
 
 def origin(manifest: Manifest, name: str, scenario: str = "") -> Manifest:

@@ -77,8 +77,7 @@ def read_statement(folder: Path) -> Statement:
         return Statement.model_validate_json(read_json_file(path), strict=True)
     except ValidationError as error:
         where, reason = first_problem(error)
-        said = reason.removeprefix("Value error, ")
-        raise DataCorruptError(f"{path}: {where or 'it'}: {said}.") from error
+        raise DataCorruptError(f"{path}: {where or 'it'}: {reason}.") from error
     except (OSError, ValueError, RecursionError) as error:
         raise DataCorruptError(f"{path} cannot be read ({type(error).__name__}).") from error
 
