@@ -28,6 +28,8 @@ class Described:
         expected_failures: checks of `eitbench check` that it fails by its nature, and why; one that
             passes nevertheless is a failure.
         search: the values of each parameter that may be chosen on the validation split.
+        tuned_as: the method whose selected parameters it takes, since its images are the same;
+            "" where it has its own.
         differs: what else is different in software that is not ours, such as its electrode model
             and mesh, for the note under a leaderboard; `fit` may say it exactly.
         train_s: time that the weights it loads took to train [s]; NaN if it loads none.
@@ -39,6 +41,7 @@ class Described:
     needs: ClassVar[str] = ""
     expected_failures: ClassVar[Mapping[str, str]] = {}
     search: ClassVar[Mapping[str, Sequence[object]]] = {}
+    tuned_as: ClassVar[str] = ""
     differs: str = ""
     train_s: float = math.nan
     trained_on: Mapping[str, str] = MappingProxyType({})

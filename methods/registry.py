@@ -151,6 +151,7 @@ METHOD_REGISTRY = Registry(
         "classical.noser",
         "classical.laplacian",
         "classical.greit",
+        "classical.greit_conformal",
         "classical.total_variation",
         "classical.gauss_newton",
         "learned.linear_maps",

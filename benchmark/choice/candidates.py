@@ -39,6 +39,7 @@ LEFT_OUT = {
     **dict.fromkeys(
         ("dnn-conformal", "dnn-heteroscedastic"), "its images are those of `dnn`, which is tried"
     ),
+    "greit-conformal": "its images are those of `greit`, which is tried",
     "latent-flow": "it says how sure it is, and its images are blurred",
     "network-ensemble": "it runs five networks, which are tried one by one",
     "shape-posterior": "it knows the shapes that simulated touches are drawn from",

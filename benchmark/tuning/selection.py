@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from eitbench.methods.registry import methods
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import content_hash
 from eitbench.scenarios.storage.atomic_write import atomic_write
@@ -189,7 +190,9 @@ def outdated_selection(scenario: Scenario, method: str, code: str) -> bool:
 def _made_on(scenario: Scenario, method: str) -> list[dict[str, Any]]:
     file = f"{validation_key(scenario)[:16]}.json"
     records = [_records(folder / file) for folder in (user_selections(), PACKAGED)]
-    return [of[method] for of in records if method in of]
+    known = methods().get(method)
+    name = (known and known.tuned_as) or method
+    return [of[name] for of in records if name in of]
 
 
 def selected_parameters(scenario: Scenario, method: str) -> dict[str, Any] | None:

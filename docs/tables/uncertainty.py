@@ -14,6 +14,7 @@ _PIXELS = (
 )  # fmt: skip
 _PLACES = ("place_coverage_50", "place_coverage_80", "place_coverage_95", "place_radius_mm")
 NOISE = ("noise-60db", "noise-50db", "noise-40db", "noise-30db")
+CONFORMAL = "greit-conformal"
 _RUNGS = (
     *("sim2real-noise", "sim2real-electrode-shift", "sim2real-gain", "sim2real-drift"),
     "sim2real-dead-electrode",
@@ -47,9 +48,26 @@ def _table(suite: str, names: tuple[str, ...], scenarios: tuple[str, ...]) -> st
     return printed(heads, rows, [False, False, *[True] * (len(heads) - 2)])
 
 
+def _skins() -> str:
+    heads = ["Skin", "n", "Error [mm]", *(UNCERTAINTY[name].heading for name in _PLACES)]
+    found = {(one.scenario, one.method): one for one in stated("skins")}
+    errors = record("skins").samples.groupby(["scenario", "method"])["localisation_mm"].median()
+    rows = []
+    for (skin, method), one in found.items():
+        if method != CONFORMAL:
+            continue
+        error = float(errors[skin, method])
+        rows.append(
+            [f"`{skin}`", str(one.n), f"{error:.1f}", *(_text(one, name) for name in _PLACES),
+             _text(found[skin, "noser"], "place_coverage_95")]
+        )  # fmt: skip
+    return printed([*heads, "`noser` in 95 %"], rows, [False, *[True] * len(heads)])
+
+
 TABLES = {
     "uncertainty on noise": lambda: _table("noise", _PIXELS, NOISE),
     "uncertainty of places on noise": lambda: _table("noise", _PLACES, NOISE),
     "uncertainty with imperfections": lambda: _table("sim2real", _PIXELS, _RUNGS),
+    "regions of places on all skins": _skins,
     "uncertainty of places on skins": lambda: _table("novelty", _PLACES, ("ohmc16",)),
 }

@@ -91,12 +91,18 @@ class GaussianStep(OneStep):
         mean = self._problem.difference(voltages, self.gain_power) @ self._matrix
         images = []
         for frame, s, x in zip(voltages, scale, mean, strict=True):
-            # Frames have numbers of their own, the same each time: of the voltages as they come,
-            # since the last bits of a small difference depend on the processor.
-            rng = np.random.default_rng(zlib.crc32(frame.astype(np.float32).tobytes()))
-            chosen = rng.choice(OFFSETS, DRAWS, replace=False)
+            chosen = numbers_of(frame).choice(OFFSETS, DRAWS, replace=False)
             images.append(self._linearisation.images(x + s * self._offsets[chosen]))
         return np.array(images).reshape(-1, DRAWS, *self._problem.mask.shape)
+
+
+def numbers_of(frame: Array) -> np.random.Generator:
+    """Random numbers of a frame (M,), the same each time.
+
+    They are seeded by the voltages as they come: the last bits of their small differences to a
+    reference depend on the processor.
+    """
+    return np.random.default_rng(zlib.crc32(frame.astype(np.float32).tobytes()))
 
 
 def regularised_inverse(jacobian: Array, prior_times_transpose: Array, weight: float) -> Array:
