@@ -24,7 +24,7 @@ from eitbench.scenarios.arrays import Array
 SOLVES = 3
 """Solves before, and as many after, what is timed."""
 
-PATIENCE_S = 60.0
+PATIENCE_S = 30.0
 """Time for which a board waits for a calm machine with each cell [s]."""
 
 LOOK_S = 0.05

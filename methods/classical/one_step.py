@@ -90,18 +90,14 @@ class GaussianStep(OneStep):
         scale = np.sqrt(np.einsum("nm,mk,nk->n", data, self._precision, data) / data.shape[1])
         mean = self._problem.difference(voltages, self.gain_power) @ self._matrix
         images = []
-        for frame, s, x in zip(voltages, scale, mean, strict=True):
+        for frame, s, x in zip(data, scale, mean, strict=True):
             chosen = numbers_of(frame).choice(OFFSETS, DRAWS, replace=False)
             images.append(self._linearisation.images(x + s * self._offsets[chosen]))
         return np.array(images).reshape(-1, DRAWS, *self._problem.mask.shape)
 
 
 def numbers_of(frame: Array) -> np.random.Generator:
-    """Random numbers of a frame (M,), the same each time.
-
-    They are seeded by the voltages as they come: the last bits of their small differences to a
-    reference depend on the processor.
-    """
+    """Random numbers of a frame (M,), the same each time."""
     return np.random.default_rng(zlib.crc32(frame.astype(np.float32).tobytes()))
 
 
