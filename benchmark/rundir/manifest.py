@@ -198,7 +198,9 @@ def read(run: Path) -> Manifest:
     """
     path = run / FILE_NAME
     if not path.is_file():
-        raise InputError(f"{run} is not a run directory: it holds no {FILE_NAME}.")
+        inside = sorted(path.parent for path in run.glob(f"*/{FILE_NAME}"))
+        instead = f"; {inside[0]} is one" if inside else ""
+        raise InputError(f"{run} is not a run directory: it holds no {FILE_NAME}{instead}.")
     check_folder(run)
     try:
         content = json.loads(read_json_file(path).decode())

@@ -19,12 +19,15 @@ from random import SystemRandom
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.benchmark.analysis.results import NOTES_FILE, ROUNDED, describe_actions
 from eitbench.benchmark.checks.method_checks import SAME_FRAME
+from eitbench.benchmark.metrics.novelty import SCORES
+from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.run.cell import BatchRunner
-from eitbench.benchmark.run.cell_task import CellPlan, StoredSamples
+from eitbench.benchmark.run.cell_task import NAN, CellPlan, StoredSamples
 from eitbench.benchmark.run.method_cell import MethodCellTask, MethodData
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.cells import Cell
@@ -45,6 +48,8 @@ REPRODUCED = "reproduced.json"
 
 ROUNDING = 1e-3
 """Difference of images, as a share of the background, that another processor may cause."""
+STATED_APART, SHARES_APART = 0.05, 0.05
+"""By how much means of stated figures may differ on another processor: relative, and of shares."""
 NEIGHBOURS = 2
 """Steps of a rounded image that a value moves at most where the image changes slightly: one, or two
 where its largest contrast crosses a power of 2 and the steps double."""
@@ -86,7 +91,7 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     starts = range(0, size, data.batch)
     drawn = SystemRandom().sample(starts, min(len(starts), _batches(n)))
     batches = [slice(start, min(start + data.batch, size)) for start in sorted(drawn)]
-    row, made = _made(MethodCellTask, plan, data, batches, isolate)
+    row, made, figures = _made(MethodCellTask, plan, data, batches, isolate)
     samples = np.flatnonzero(made["test"].status != "")
     stored = run.estimates(scenario, name, samples.tolist())
     if stored is None:
@@ -109,7 +114,7 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     # Frame by frame, the last one first: a method that learns from the frames that it is shown, or
     # from those beside a frame, makes other images now.
     singles = [slice(k, k + 1) for k in samples[::-1].tolist()[:n]]
-    _, alone = _made(_TestFrames, replace(plan, batch=1), data, singles, isolate)
+    _, alone, _ = _made(_TestFrames, replace(plan, batch=1), data, singles, isolate)
     tried = np.flatnonzero(alone["test"].status != "")
     again = alone["test"].values["conductivity"][tried]
     allowed = SAME_FRAME * data.test.sensor.data_range
@@ -120,6 +125,12 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
         return (
             f"{np.count_nonzero(moved)} of {len(moved)} images are others where each frame is "
             "asked for alone, the last one first: an image depends on other frames."
+        )
+    said = run.cell(scenario, name).set_index("sample").loc[samples]
+    if other := _other_statement(said, figures.iloc[samples]):
+        return (
+            f"Its {other} of {len(samples)} samples is not what it states here: send what the run "
+            "wrote."
         )
     known = run.cells[(run.cells["scenario"] == scenario) & (run.cells["method"] == name)]
     for column in ("prior_knowledge", "differs"):
@@ -147,11 +158,12 @@ def _made(
     data: MethodData,
     batches: Sequence[slice],
     isolate: bool,
-) -> tuple[dict[str, Any], dict[str, StoredSamples]]:
+) -> tuple[dict[str, Any], dict[str, StoredSamples], pd.DataFrame]:
     """Run a method anew on these `batches` of the test split, in this order.
 
     Returns:
-        The figures of its cell, and the samples of each split.
+        The figures of its cell, the samples of each split, and the figures of test samples, if
+        all splits were asked for.
     """
     with tempfile.TemporaryDirectory() as folder:
         task = kind(plan, RunStore.create(Path(folder), METHOD_RUNS), data)
@@ -159,7 +171,26 @@ def _made(
         others = [(split, rows) for split, rows in runner.pending if split != "test"]
         runner.pending = others + [("test", rows) for rows in batches]
         row = runner.run()
-        return row, {split: StoredSamples(task, split) for split in task.sizes}
+        samples = {split: StoredSamples(task, split) for split in task.sizes}
+        figures = pd.DataFrame()
+        if kind is MethodCellTask:
+            figures, _ = task.figures(samples["test"])
+        return row, samples, figures
+
+
+def _other_statement(theirs: pd.DataFrame, ours: pd.DataFrame) -> str:
+    """The figure of uncertainty or novelty whose mean is not ours; "" if all are.
+
+    Another processor moves pixels from one rank to the next, and single frames across a limit.
+    """
+    for name in (*UNCERTAINTY, *SCORES):
+        if name.endswith("_ms"):
+            continue
+        stated, found = (float(of[name].mean()) if name in of else NAN for of in (theirs, ours))
+        allowed = SHARES_APART if "coverage" in name else 0.0
+        if not np.isclose(stated, found, rtol=STATED_APART, atol=allowed, equal_nan=True):
+            return repr(name)
+    return ""
 
 
 def _away(

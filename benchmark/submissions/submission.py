@@ -39,6 +39,7 @@ TRUST = (
     "what methods say of their prior knowledge and differences, what they were seen to do, "
     "parameters and weights of plugins",
     "that the images are what the methods make of the frames",
+    "what methods state of their uncertainty and of novel frames",
 )
 """What is taken on trust without a rerun; with one, the first only."""
 
@@ -68,12 +69,13 @@ class Submission:
 
     @property
     def same_numbers(self) -> bool:
-        """True if it was made with the versions of NumPy and SciPy that are here.
+        """True if it was made with the kind of processor, NumPy and SciPy that are here.
 
-        Others may give the inputs other last bits.
+        Others may give the frames other last bits.
         """
-        theirs, ours = self.run.manifest["versions"], manifests.versions()
-        return all(theirs.get(name) == ours[name] for name in ("numpy", "scipy"))
+        theirs, ours = self.run.manifest, manifests.versions()
+        same = all(theirs["versions"].get(name) == ours[name] for name in ("numpy", "scipy"))
+        return same and theirs["machine"].get("cpu") == manifests.cpu_model()
 
 
 def open_submission(path: Path, *, jobs: int = 1) -> Submission:

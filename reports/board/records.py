@@ -26,7 +26,7 @@ from eitbench.benchmark.analysis.results import (
 )
 from eitbench.benchmark.findings.acuity_seen import SEEN_FILE, seen_table
 from eitbench.benchmark.findings.drift import ALARMS_FILE, alarms
-from eitbench.benchmark.run.timing import calibration_solves
+from eitbench.benchmark.run.timing import PATIENCE_S, calibration_solves
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.few_bytes import packed, rounded, with_short_hashes
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
@@ -319,7 +319,8 @@ def cost(suite: str, records: Path, names: Sequence[str] = ()) -> str:
         f"{suite!r} took {', '.join(names) or f'its {run.kind.name}s'} {spent.sum() / 60:.1f} "
         f"minutes on one core "
         f"for {frames:,} frames in version {newest.parents[1].name}, most of it {slowest!r}; its "
-        f"record has {size:.1f} MB."
+        f"record has {size:.1f} MB. With one job, up to {PATIENCE_S:g} s more for each of "
+        f"{len(spent) * len(run.scenarios())} cells while the machine is busy."
     )
 
 

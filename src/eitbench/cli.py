@@ -163,7 +163,8 @@ def _fail_usage(error: Any) -> NoReturn:
     if type(error).__name__ == "NoArgsIsHelpError":
         error.show()
         sys.exit(2)
-    sentence = str(error.format_message()).removeprefix("Invalid value: ").rstrip(".")
+    message = str(error.format_message()).replace(": Value error, ", ": ")
+    sentence = message.removeprefix("Invalid value: ").rstrip(".")
     command = error.ctx.command_path if error.ctx is not None else "eitbench"
     fail(f"{sentence[:1].upper()}{sentence[1:]}; see `{command} --help`.", 2)
 

@@ -53,6 +53,8 @@ def board(
 
     if suite not in suites():
         raise unknown_name("suite", suite, suites())
+    if records == RECORDS and not records.is_dir():
+        raise InputError(f"There is no {RECORDS} here: run it in a checkout, or name --records.")
     declared, out, run = load_suite(suite), records / version / suite, runs / suite
     check_new(out)
     older = last_before(out)

@@ -66,6 +66,7 @@ def check(
     from eitbench.benchmark.submissions.rerun import rerun as run_again
     from eitbench.benchmark.submissions.statement import STATEMENT
     from eitbench.benchmark.submissions.submission import TRUST, open_submission
+    from eitbench.benchmark.submissions.tiers import reproduced_on
 
     submission = open_submission(run, jobs=jobs)
     checks = check_submission(submission)
@@ -78,8 +79,11 @@ def check(
         fail(f"{run} cannot be accepted as a submission.", 1)
     _print_trust(submission)
     if rerun is None:
-        typer.echo(f"Taken on trust: {'; '.join(TRUST)}. --rerun N runs the methods again.")
-        typer.echo("Tier: self-reported")
+        if told := reproduced_on(submission.run):
+            typer.echo(f"Taken on trust: {TRUST[0]}. Run again before: {told}.")
+        else:
+            typer.echo(f"Taken on trust: {'; '.join(TRUST)}. --rerun N runs the methods again.")
+        typer.echo(f"Tier: {'reproduced' if told else 'self-reported'}")
     else:
         typer.echo(f"Taken on trust: {TRUST[0]}. Noted in {note_reproduced(submission, rerun)}")
         typer.echo("Tier: reproduced")

@@ -114,6 +114,12 @@ def drop_a_method(run: Path) -> None:
     edit_json(lambda m: m.update(cells=[c for c in m["cells"] if c["name"] != "my-noser"]))(run)
 
 
+def on_another_processor(run: Path) -> None:
+    """Its frames have other last bits."""
+    edit_json(lambda m: m["machine"].update(cpu="another"))(run)
+    edit_samples(lambda table: table.assign(input_hash="0"))(run)
+
+
 def add_a_figure(run: Path) -> None:
     """Figures of methods come from their samples alone: this changes nothing."""
     table = pd.read_parquet(run / "methods.parquet")
@@ -219,6 +225,7 @@ def copy_the_truth(run: Path, method: str = "my-noser") -> None:
             "1 of 5 samples of 'my-noser' on 'tiny' have other figures",
         ),
         (set_in_a_row("input_hash", "0"), FRAMES, "'my-noser' was given other frames of 'tiny'"),
+        (on_another_processor, FRAMES, ""),
         (
             set_in_a_row("phantom", "another"),
             FRAMES,
@@ -450,6 +457,22 @@ def test_images_that_no_method_made_are_found(with_plugin: Path) -> None:
     found = rerun(open_submission(with_plugin), 2)
     assert "5 of 5 images differ from those that it makes here" in found[0].problem
     assert found[1].problem == ""
+
+
+@pytest.mark.slow
+def test_an_uncertainty_that_no_method_stated_is_found(with_plugin: Path) -> None:
+    table = pd.read_parquet(with_plugin / "samples.parquet")
+    noser = table["method"] == "noser"
+    table.assign(crps=table["crps"].where(~noser, 1e-4)).to_parquet(with_plugin / "samples.parquet")
+    problems = [check.problem for check in rerun(open_submission(with_plugin), 5)]
+    assert "Its 'crps' of 5 samples is not what it states here" in problems[0]
+    assert problems[1] == ""
+    table.assign(coverage_95=table["coverage_95"].where(noser, 0.95)).to_parquet(
+        with_plugin / "samples.parquet"
+    )
+    problems = [check.problem for check in rerun(open_submission(with_plugin), 5)]
+    assert problems[0] == ""
+    assert "Its 'coverage_95' of 5 samples" in problems[1]
 
 
 @pytest.mark.slow
