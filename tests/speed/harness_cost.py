@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import platform
+import sys
 import tempfile
 import threading
 import time
@@ -150,8 +151,9 @@ def main() -> None:
     )
     ran = [each for each in plan.suite.scenarios if each.name in plan.scenarios]
     frames = sum(len(load(each, split="test", limit=plan.limit)) for each in ran)
-    clock = Clock()
+    clock, solves = Clock(), timing.calibration_solves()
     seconds = clock.run(plan, 1)
+    solves += timing.calibration_solves()
     rows: list[dict[str, Any]] = []
     for name in (*plan.names, RUN):
         parts = {part: clock.parts[name][part] for part in PARTS}
@@ -183,7 +185,9 @@ def main() -> None:
         print(f"{given.jobs} jobs {jobs_s:.1f} s: {seconds / jobs_s:.2f} times as fast")
     if given.json:
         record = {
+            "command": f"python tests/speed/harness_cost.py {' '.join(sys.argv[1:])}",
             "machine": f"{cpu_model()}, Python {platform.python_version()}",
+            "calibration_ms": sorted(solves)[len(solves) // 2],
             "suite": given.suite,
             "seconds": seconds,
             "own_s": own,
