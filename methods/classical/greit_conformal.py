@@ -1,4 +1,4 @@
-"""The images of GREIT with the errors of place that they had on validation touches."""
+"""The images of GREIT with the errors of place that it made on validation touches nearby."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy import ndimage
 
 from eitbench.methods.classical.greit import Greit
-from eitbench.methods.classical.one_step import numbers_of
 from eitbench.methods.method import DRAWS, reconstructed
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
@@ -19,34 +17,31 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.similarity import fit_similarity
 
-ROUNDS = 4
-"""Moves of an image, at most, until its place is within half a pixel of where it should be."""
 TOUCHES = 500
-"""Validation touches whose errors are kept, at most."""
+"""Validation touches whose errors are known, at most."""
 FEWEST = 10
-"""Touches that are needed. Of fewer than `DRAWS` some errors are drawn again, and the regions of
-draws promise less."""
+"""Touches that are needed. Of fewer than `DRAWS` errors some are taken again."""
+SPOT = 2.0
+"""Standard deviation of a drawn spot, in pixels."""
 
 
 @register("greit-conformal")
 @dataclass
 class GreitConformal(Greit):
-    """The image of `greit`, moved by the errors of place that it made on validation touches.
+    """The image of `greit`, and regions of the place that hold as often as they say.
 
-    If touches to come are like those of validation, the place of one is as likely as each of the
-    drawn ones to be the farthest from their middle: 95 % of the regions about 38 of 39 draws hold
-    it, whatever the sensor, its model and the distribution of errors (split conformal prediction).
-    That is an average over touches, not a promise for each. Shapes and strengths do not vary.
-    Errors of a recorded set are those that a similarity to its robot leaves.
-
-    Attributes:
-        as of `Greit`.
+    The errors of place on the 39 validation touches that were seen nearest to a touch are taken
+    for those that its own place may have. Each becomes a draw: a round spot there, as strong as the
+    image. If touches to come are like those of validation, 95 % of the regions about 38 of 39 draws
+    hold the true place, whatever the sensor, its model and the distribution of errors: nearly, and
+    on average over touches, not for each. Spots say nothing of shape and size. Errors of a recorded
+    set are those that a similarity to the coordinates of its robot leaves.
     """
 
     source: ClassVar[str] = (
-        "Adler et al., Physiol. Meas. 30(6), 2009; Papadopoulos et al., ECML 2002 (split conformal)"
+        "Adler et al., Physiol. Meas. 30(6), 2009; Papadopoulos, Vovk and Gammerman, J. Artif. "
+        "Intell. Res. 40, 2011 (conformal prediction with nearest neighbours)"
     )
-
     search: ClassVar = {}
     tuned_as: ClassVar = "greit"
 
@@ -58,52 +53,47 @@ class GreitConformal(Greit):
         """
         super().fit(problem)
         first, data = problem.reference, problem.validation(TOUCHES)
-        found = self._places(reconstructed(self, problem, data))
+        found, true = self._places(reconstructed(self, problem, data)), _true_places(data)
         problem.reference = first
-        true = _true_places(data)
         known = np.isfinite(true).all(axis=1) & np.isfinite(found).all(axis=1)
-        if data.conductivity is None:
-            similarity = fit_similarity(found[known], true[known])
-            true = true if similarity is None else similarity.inverse(true)
         if known.sum() < FEWEST:
             raise InputError(
                 f"The validation split of {data.scenario!r} has {known.sum()} touches whose place "
                 f"is known and seen, and {FEWEST} are needed: name a scenario with more."
             )
-        self._errors = (true - found)[known]
-        x, y = problem.sensor.pixel_centres
-        self._pixel = np.array([y[1, 0] - y[0, 0], x[0, 1] - x[0, 0]])
+        self._found, true = found[known], true[known]
+        if data.conductivity is None and (robot := fit_similarity(self._found, true)) is not None:
+            true = robot.inverse(true)
+        self._errors = true - self._found
 
     def uncertainty(self, voltages: Array) -> Array:
-        """Images (n, K, H, W) [S/m] of frames (n, M), moved by errors that are drawn for each."""
-        draws = np.empty((len(voltages), DRAWS, *self._problem.mask.shape))
-        again = len(self._errors) < DRAWS
+        """Images (n, K, H, W) [S/m] of frames (n, M): spots where touches may be."""
         images = self.reconstruct(voltages)
-        places = self._places(images)
-        for of, image, place, frame in zip(draws, images, places, voltages, strict=True):
-            chosen = numbers_of(frame).choice(len(self._errors), DRAWS, replace=again)
-            self._move(image, place + self._errors[chosen], of)
+        background = self._problem.background
+        draws = np.full((len(images), DRAWS, *self._problem.mask.shape), background)
+        for of, image, place in zip(draws, images, self._places(images), strict=True):
+            contrast = np.where(self._problem.mask, image - background, 0.0)
+            strength = contrast.flat[np.abs(contrast).argmax()]
+            if strength != 0:  # else nothing is seen, and no place
+                of += strength * self._spots(place + self._errors_near(place))
         return draws
 
-    def _move(self, image: Array, places: Array, moved: Array) -> None:
-        """Fill `moved` (K, H, W) with `image` (H, W) after moves that bring it to `places` (K, 2).
+    def _errors_near(self, place: Array) -> Array:
+        """Errors (K, 2) [m] of the touches that were found nearest to a place (2,)."""
+        nearest = np.argsort(np.hypot(*(self._found - place).T), kind="stable")
+        return np.asarray(self._errors[np.resize(nearest[:DRAWS], DRAWS)])
 
-        At the rim a part of the image is lost, and the place of the rest is farther inside: it is
-        moved on. Places outside are taken for the nearest ones inside.
-        """
-        x, y = (axis[self._problem.mask] for axis in self._problem.sensor.pixel_centres)
-        nearest = np.hypot(places[:, :1] - x, places[:, 1:] - y).argmin(axis=1)
-        outside = ~self._problem.sensor.outline.contains(*places.T)
-        places = np.where(outside[:, None], np.stack([x, y], axis=1)[nearest], places)
-        steps, off = np.zeros_like(places), places - self._places(image[None])
-        far = np.arange(len(places))
-        for _ in range(ROUNDS):
-            steps[far] += np.nan_to_num(off[far])  # an image without a contact stays as it is
-            for k in far:
-                shift = steps[k, ::-1] / self._pixel
-                ndimage.shift(image, shift, moved[k], order=1, cval=self._problem.background)
-            off[far] = places[far] - self._places(moved[far])
-            far = np.flatnonzero(np.hypot(*off.T) > np.abs(self._pixel).min() / 2)
+    def _spots(self, places: Array) -> Array:
+        """Spots (K, H, W) of height 1 at places (K, 2), outside the sensor at the nearest pixel."""
+        sensor = self._problem.sensor
+        x, y = sensor.pixel_centres
+        inside = np.stack([x[sensor.mask], y[sensor.mask]], axis=1)
+        outside = ~sensor.outline.contains(*places.T)
+        nearest = np.hypot(*(places[outside, None] - inside).T).argmin(axis=0)
+        places[outside] = inside[nearest]
+        size = SPOT * max(sensor.pixel_size)
+        away = (x - places[:, :1, None]) ** 2 + (y - places[:, 1:, None]) ** 2
+        return np.asarray(np.exp(-away / (2 * size**2)))
 
     def _places(self, images: Array) -> Array:
         return locate(images, self._problem.sensor, self._problem.background)

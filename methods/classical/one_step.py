@@ -91,14 +91,11 @@ class GaussianStep(OneStep):
         mean = self._problem.difference(voltages, self.gain_power) @ self._matrix
         images = []
         for frame, s, x in zip(data, scale, mean, strict=True):
-            chosen = numbers_of(frame).choice(OFFSETS, DRAWS, replace=False)
+            # Frames have numbers of their own, the same each time.
+            rng = np.random.default_rng(zlib.crc32(frame.astype(np.float32).tobytes()))
+            chosen = rng.choice(OFFSETS, DRAWS, replace=False)
             images.append(self._linearisation.images(x + s * self._offsets[chosen]))
         return np.array(images).reshape(-1, DRAWS, *self._problem.mask.shape)
-
-
-def numbers_of(frame: Array) -> np.random.Generator:
-    """Random numbers of a frame (M,), the same each time."""
-    return np.random.default_rng(zlib.crc32(frame.astype(np.float32).tobytes()))
 
 
 def regularised_inverse(jacobian: Array, prior_times_transpose: Array, weight: float) -> Array:

@@ -23,7 +23,7 @@ KEYS = {
     "gauss-newton-noser": "yorkey1987",
     "gauss-newton-tv": "borsic2010",
     "greit": "adler2009",
-    "greit-conformal": "papadopoulos2002",
+    "greit-conformal": "papadopoulos2011",
     "inr": "tancik2020",
     "laplacian": "polydorides2002",
     "latent-flow": "ardizzone2019",

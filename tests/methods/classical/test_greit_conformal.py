@@ -68,25 +68,20 @@ def test_regions_hold_as_many_real_presses_as_they_say(recorded_data: Path) -> N
     np.testing.assert_allclose(found, [0.5, 0.8, 0.95], atol=0.1)
 
 
-def test_an_image_is_moved_by_the_errors_of_validation_touches() -> None:
+def test_draws_are_spots_where_touches_nearby_were() -> None:
+    """Those found nearest have an error of their own; places outside move to the nearest inside."""
     method, problem = fitted(TOUCHES)
-    error = np.array([0.012, -0.007])
-    method._errors = np.tile(error, (DRAWS, 1))
-    x, y = problem.sensor.pixel_centres
-    away = np.hypot(x - 0.045, y - 0.05)
-    image = 1 - 0.4 * np.exp(-((away / 0.012) ** 2))
-    draws = np.empty((1, *image.shape))
-    method._move(image, np.array([[0.045, 0.05]]) + error, draws)
-    half_a_pixel = 0.5 * max(problem.sensor.pixel_size)
-    np.testing.assert_allclose(
-        locate(draws, problem.sensor, 1.0)[0], [0.057, 0.043], atol=half_a_pixel
-    )
-    assert abs((1 - draws).sum() / (1 - image).sum() - 1) < 0.01
-    # Places outside are taken for the nearest ones inside, as far as the rim leaves any image.
-    method._move(image, np.array([[0.2, 0.05]]), draws)
-    (place,) = locate(draws, problem.sensor, 1.0)
-    assert 0.085 < place[0] < 0.1
-    assert abs(place[1] - 0.05) < 3 * half_a_pixel
+    near = np.tile([0.05, 0.05], (DRAWS, 1))
+    method._found = np.concatenate([near, near + 0.03])
+    method._errors = np.repeat([[0.012, -0.007], [9.0, 9.0]], DRAWS, axis=0)
+    errors = method._errors_near(np.array([0.052, 0.05]))
+    np.testing.assert_array_equal(errors, method._errors[:DRAWS])
+    spots = method._spots(np.array([[0.062, 0.043], [0.2, 0.05]]))
+    found = locate(1 - 0.3 * spots, problem.sensor, 1.0)
+    pixel = max(problem.sensor.pixel_size)
+    np.testing.assert_allclose(found[0], [0.062, 0.043], atol=0.1 * pixel)
+    assert 0.1 - 3 * pixel < found[1, 0] < 0.1
+    assert abs(found[1, 1] - 0.05) < pixel
 
 
 def test_few_touches_are_refused() -> None:
