@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from eitbench.benchmark.metrics.uncertainty import place_figures
+from eitbench.benchmark.tuning.selection import selected_parameters
 from eitbench.methods import Problem, create
 from eitbench.methods.classical.greit_conformal import GreitConformal
 from eitbench.methods.method import DRAWS
@@ -17,6 +18,7 @@ from eitbench.scenarios.similarity import Similarity, fit_similarity
 from eitbench.scenarios.suites.scenario import Scenario, SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import scenario_by_name
 
+NAME = "greit-conformal"
 TOUCHES = SimulatedScenario(
     name="touches", image_shape=(24, 24), families=("circle",),
     noise=SplitNoise(validation=35.0, test=35.0), train=0, validation=150, test=150,
@@ -29,7 +31,7 @@ def fitted(scenario: Scenario) -> tuple[GreitConformal, Problem]:
     problem = Problem(
         scenario.nominal_sensor, validation.references[0], lambda s, n: load(scenario, s, n)
     )
-    method = create("greit-conformal")
+    method = create(NAME)
     assert isinstance(method, GreitConformal)
     method.fit(problem)
     return method, problem
@@ -82,6 +84,18 @@ def test_draws_are_spots_where_touches_nearby_were() -> None:
     np.testing.assert_allclose(found[0], [0.062, 0.043], atol=0.1 * pixel)
     assert 0.1 - 3 * pixel < found[1, 0] < 0.1
     assert abs(found[1, 1] - 0.05) < pixel
+
+
+def test_images_and_parameters_are_those_of_greit() -> None:
+    method, problem = fitted(TOUCHES)
+    greit = create("greit")
+    greit.fit(problem)
+    frames = load(TOUCHES, "test", 3).voltages
+    np.testing.assert_array_equal(method.reconstruct(frames), greit.reconstruct(frames))
+    for name in ("ohmc16", "cam09-04", "noise-50db"):
+        found = [selected_parameters(scenario_by_name(name), of) for of in ("greit", NAME)]
+        assert found[0] is not None
+        assert found[0] == found[1]
 
 
 def test_few_touches_are_refused() -> None:
