@@ -61,6 +61,11 @@ def _skins() -> str:
             [f"`{skin}`", str(one.n), f"{error:.1f}", *(_text(one, name) for name in _PLACES),
              _text(found[skin, "noser"], "place_coverage_95")]
         )  # fmt: skip
+    ours = [one for (_, method), one in found.items() if method == CONFORMAL]
+    means = [sum(one.figures[name].value for one in ours) / len(ours) for name in _PLACES]
+    forms = [UNCERTAINTY[name].form for name in _PLACES]
+    shown = [format(mean, form) for mean, form in zip(means, forms, strict=True)]
+    rows.append(["mean", "", "", *shown, ""])
     return printed([*heads, "`noser` in 95 %"], rows, [False, *[True] * len(heads)])
 
 
