@@ -110,7 +110,8 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
         atomic_write(staged / NOTES_FILE, json.dumps(notes, indent=1).encode())
     cells.to_parquet(staged / run.kind.table, index=False, **COMPRESSION)
     _write_rounded(samples, staged / SAMPLES)
-    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    # A line for each entry, and no blanks: a manifest is a fiftieth of its record.
+    text = json.dumps(content, indent=0, separators=(",", ":"), allow_nan=False) + "\n"
     atomic_write(staged / manifest.FILE_NAME, text.encode())
     if run.kind is METHOD_RUNS:  # operators have no images
         columns = len(cells) + cells["scenario"].nunique()  # with the truth of each scenario
