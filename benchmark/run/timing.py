@@ -24,6 +24,8 @@ from eitbench.scenarios.arrays import Array
 SOLVES = 3
 """Solves before, and as many after, what is timed."""
 
+OTHERS = 0.5
+"""Cores that other programs may keep busy on a calm machine: they share its cache and memory."""
 PATIENCE_S = 30.0
 """Time for which a board waits for a calm machine with each cell [s]."""
 
@@ -86,8 +88,9 @@ class Conditions:
     """The conditions under which a cell is timed: the calibration solve beside it, and load.
 
     Other programs slow a machine down for seconds at a time. Who times for a board says what a
-    solve takes there when the machine is calm; what is timed beside slower ones does not count,
-    for as long as `PATIENCE_S`. Nothing is chosen by what the timed method takes.
+    solve takes there when the machine is calm; what is timed beside slower ones, or while others
+    are at work, does not count, for as long as `PATIENCE_S`. Nothing is chosen by what the timed
+    method takes.
 
     Attributes:
         pinned: true if the cell has a core to itself.
@@ -102,7 +105,8 @@ class Conditions:
         self._core, self._calm_ms, self.pinned = core, calm_ms, core is not None
         self._last = self._solves()
         self._beside: list[list[float]] = []
-        self._load, self._end = _Load(), time.monotonic() + PATIENCE_S
+        self._load = self._load_since = _Load()
+        self._end = time.monotonic() + PATIENCE_S
 
     def _solves(self) -> list[float]:
         with on_core(self._core):
@@ -120,8 +124,10 @@ class Conditions:
         """
         if self._calm_ms is None:
             return True
-        before, self._last = self._last, self._solves()
-        calm = float(np.median(before + self._last)) <= self._calm_ms
+        others, before, self._last = self._load_since.of_others(), self._last, self._solves()
+        self._load_since = _Load()
+        # Too short a time tells no load.
+        calm = float(np.median(before + self._last)) <= self._calm_ms and not others > OTHERS
         counts = calm or (self.over and not self._beside)
         if counts:
             # In a row the solves after one are those before the next.

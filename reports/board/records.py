@@ -26,7 +26,7 @@ from eitbench.benchmark.analysis.results import (
 )
 from eitbench.benchmark.findings.acuity_seen import SEEN_FILE, seen_table
 from eitbench.benchmark.findings.drift import ALARMS_FILE, alarms
-from eitbench.benchmark.run.timing import PATIENCE_S, calibration_solves
+from eitbench.benchmark.run.timing import OTHERS, PATIENCE_S, calibration_solves
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.few_bytes import packed, rounded, with_short_hashes
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
@@ -180,11 +180,13 @@ def _without_busy_times(run: Run, out: Path) -> pd.DataFrame:
     """The cells of a run without those times that were measured beside something else.
 
     There the calibration solve took much longer than the fastest that this run and other records
-    know of the same machine. A ratio of the two would mislead, too: the load changes meanwhile.
+    know of the same machine, or other programs kept cores busy. A ratio of the two would mislead,
+    too: the load changes meanwhile, and programs that share a cache slow networks down by more.
     """
     cells = run.cells.copy()
     fastest = _fastest(out.parents[1], run)
     cells["busy"] = cells["calibration_ms"] > BUSY * cells["machine"].map(fastest)
+    cells["busy"] |= cells["load"] > OTHERS
     cells.loc[cells["busy"], [name for name in SPEEDS if name in cells]] = np.nan
     return cells
 

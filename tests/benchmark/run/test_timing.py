@@ -164,6 +164,15 @@ def test_what_is_timed_beside_slow_solves_does_not_count(monkeypatch: pytest.Mon
     assert found["calibration_spread"] == 23 / 21
 
 
+def test_what_is_timed_while_others_work_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 1 s others kept a core busy for 0.9 s, then for 0.1 s."""
+    monkeypatch.setattr(timing, "calibration_solves", lambda: [20.0])
+    loads = iter([0.9, 0.1])
+    monkeypatch.setattr(timing._Load, "of_others", lambda self: next(loads))
+    beside = timing.Conditions(None, calm_ms=22.0)
+    assert [beside.counts() for _ in range(2)] == [False, True]
+
+
 def test_a_machine_that_is_never_calm_is_timed_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(timing, "calibration_solves", lambda: [40.0])
     monkeypatch.setattr(timing, "PATIENCE_S", 0.0)
