@@ -41,6 +41,8 @@ def request_of(tmp_path: Path) -> Callable[..., tuple[Path, subprocess.Completed
         (theirs / ".ci").mkdir()
         shutil.copy(ROOT / ".ci" / "submission", theirs / ".ci")
         add(theirs, "code.py", "ours")
+        for version in ("2025.2", "2026.1"):
+            add(theirs, f"reports/board/{version}/quick/manifest.json")
         add(theirs, FOLDER.replace("mine", "old") + "/submission.json")
         git(theirs, "add", ".")
         git(theirs, "commit", "-m", "base")
@@ -127,9 +129,25 @@ def strange(theirs: Path) -> None:
     add(theirs, FOLDER.replace("mine", "$(touch ran)") + "/submission.json")
 
 
+def to_a_version_of_its_own(theirs: Path) -> None:
+    """The site would show it as the newest one."""
+    add(theirs, FOLDER.replace("2026.1", "2099.1") + "/submission.json")
+
+
+def to_an_older_version(theirs: Path) -> None:
+    add(theirs, FOLDER.replace("2026.1", "2025.2") + "/submission.json")
+
+
+def without_a_record(theirs: Path) -> None:
+    add(theirs, FOLDER.replace("quick", "shapes") + "/submission.json")
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
+        (to_a_version_of_its_own, "goes to the newest version, reports/board/2026.1"),
+        (to_an_older_version, "goes to the newest version"),
+        (without_a_record, "to a suite that has a record there"),
         (with_code, "changes nothing else"),
         (with_verdict, "changes nothing else"),
         (two, "changes nothing else"),
