@@ -24,7 +24,7 @@ from eitbench.scenarios.arrays import Array
 SOLVES = 3
 """Solves before, and as many after, what is timed."""
 
-OTHERS = 0.5
+CALM_LOAD = 0.5
 """Cores that other programs may keep busy on a calm machine: they share its cache and memory."""
 PATIENCE_S = 30.0
 """Time for which a board waits for a calm machine with each cell [s]."""
@@ -105,8 +105,8 @@ class Conditions:
         self._core, self._calm_ms, self.pinned = core, calm_ms, core is not None
         self._last = self._solves()
         self._beside: list[list[float]] = []
-        self._load = self._load_since = _Load()
-        self._end = time.monotonic() + PATIENCE_S
+        self._loads: list[float] = []
+        self._load, self._end = _Load(), time.monotonic() + PATIENCE_S
 
     def _solves(self) -> list[float]:
         with on_core(self._core):
@@ -124,12 +124,13 @@ class Conditions:
         """
         if self._calm_ms is None:
             return True
-        others, before, self._last = self._load_since.of_others(), self._last, self._solves()
-        self._load_since = _Load()
+        load, before, self._last = self._load.of_others(), self._last, self._solves()
+        self._load = _Load()
         # Too short a time tells no load.
-        calm = float(np.median(before + self._last)) <= self._calm_ms and not others > OTHERS
+        calm = float(np.median(before + self._last)) <= self._calm_ms and not load > CALM_LOAD
         counts = calm or (self.over and not self._beside)
         if counts:
+            self._loads += [] if np.isnan(load) else [load]
             # In a row the solves after one are those before the next.
             again = bool(self._beside) and self._beside[-1] is before
             self._beside += [self._last] if again else [before, self._last]
@@ -140,9 +141,10 @@ class Conditions:
 
         They are `calibration_ms`, the median solve beside what counts; `calibration_spread`, the
         slowest of these over the fastest; `load`, the mean number of cores that other programs
-        kept busy; `cpu_mhz`, NaN where it is not known; and `timed`.
+        kept busy meanwhile; `cpu_mhz`, NaN where it is not known; and `timed`.
         """
-        load, mhz = self._load.of_others(), _mhz()
+        load = float(np.mean(self._loads)) if self._loads else self._load.of_others()
+        mhz = _mhz()
         solves = np.concatenate(self._beside or [self._last, self._solves()])
         return {
             "timed": PINNED if self.pinned else SHARED,

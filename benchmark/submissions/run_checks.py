@@ -184,9 +184,8 @@ def is_complete(of: Submission) -> str:
     for scenario in plan.suite.scenarios:
         for name in plan.names:
             # A method without weights for a sensor is left out by the run itself.
-            if _is_known(of, name) and of.data[scenario.name].unusable(name):
-                continue
-            expected.append((scenario.name, name))
+            if not (_is_known(of, name) and of.data[scenario.name].unusable(name)):
+                expected.append((scenario.name, name))
     ranked = [(c["scenario"], c["name"]) for c in run.manifest["cells"] if not c["variant"]]
     rows = list(zip(run.cells["scenario"], run.cells["method"], strict=True))
     sampled = [*cells_of(run.samples)]
@@ -248,9 +247,9 @@ def choices_are_ours(of: Submission) -> str:
         name, data = entry["name"], of.data[entry["scenario"]]
         labels[entry["scenario"], name] = entry["track"]
         # What was chosen for any other, and its weights, are its author's.
-        (ours, *_) = cell_entries(of.plan, data, name) if _is_known(of, name) else ({},)
+        (ours, *_) = cell_entries(of.plan, data, name) if _is_known(of, name) else (entry,)
         for what in ("track", "parameters", "weights"):
-            if ours and entry[what] != ours[what]:
+            if entry[what] != ours[what]:
                 return (
                     f"The {what} of {name!r} on {entry['scenario']!r} are not those that come with "
                     "eitbench: run it again without choices and weights of your own."

@@ -52,19 +52,15 @@ def _skins() -> str:
     heads = ["Skin", "n", "Error [mm]", *(UNCERTAINTY[name].heading for name in _PLACES)]
     found = {(one.scenario, one.method): one for one in stated("skins")}
     errors = record("skins").samples.groupby(["scenario", "method"])["localisation_mm"].median()
-    rows = []
-    for (skin, method), one in found.items():
-        if method != CONFORMAL:
-            continue
-        error = float(errors[skin, method])
-        rows.append(
-            [f"`{skin}`", str(one.n), f"{error:.1f}", *(_text(one, name) for name in _PLACES),
-             _text(found[skin, "noser"], "place_coverage_95")]
-        )  # fmt: skip
-    ours = [one for (_, method), one in found.items() if method == CONFORMAL]
-    means = [sum(one.figures[name].value for one in ours) / len(ours) for name in _PLACES]
-    forms = [UNCERTAINTY[name].form for name in _PLACES]
-    shown = [format(mean, form) for mean, form in zip(means, forms, strict=True)]
+    ours = [one for one in found.values() if one.method == CONFORMAL]
+    rows = [
+        [f"`{one.scenario}`", str(one.n), f"{errors[one.scenario, CONFORMAL]:.1f}",
+         *(_text(one, name) for name in _PLACES),
+         _text(found[one.scenario, "noser"], "place_coverage_95")]
+        for one in ours
+    ]  # fmt: skip
+    means = {name: sum(one.figures[name].value for one in ours) / len(ours) for name in _PLACES}
+    shown = [format(mean, UNCERTAINTY[name].form) for name, mean in means.items()]
     rows.append(["mean", "", "", *shown, ""])
     return printed([*heads, "`noser` in 95 %"], rows, [False, *[True] * len(heads)])
 

@@ -96,6 +96,7 @@ class GreitConformal(Greit):
         return np.asarray(np.exp(-away / (2 * size**2)))
 
     def _places(self, images: Array) -> Array:
+        """Places (n, 2) [m] of touches in images (n, H, W) [S/m], NaN where there is none."""
         return locate(images, self._problem.sensor, self._problem.background)
 
 

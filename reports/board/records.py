@@ -26,7 +26,7 @@ from eitbench.benchmark.analysis.results import (
 )
 from eitbench.benchmark.findings.acuity_seen import SEEN_FILE, seen_table
 from eitbench.benchmark.findings.drift import ALARMS_FILE, alarms
-from eitbench.benchmark.run.timing import OTHERS, PATIENCE_S, calibration_solves
+from eitbench.benchmark.run.timing import CALM_LOAD, PATIENCE_S, calibration_solves
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.few_bytes import packed, rounded, with_short_hashes
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
@@ -110,7 +110,7 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
         atomic_write(staged / NOTES_FILE, json.dumps(notes, indent=1).encode())
     cells.to_parquet(staged / run.kind.table, index=False, **COMPRESSION)
     _write_rounded(samples, staged / SAMPLES)
-    # A line for each entry, and no blanks: a manifest is a fiftieth of its record.
+    # A line for each entry, for git, and no blanks.
     text = json.dumps(content, indent=0, separators=(",", ":"), allow_nan=False) + "\n"
     atomic_write(staged / manifest.FILE_NAME, text.encode())
     if run.kind is METHOD_RUNS:  # operators have no images
@@ -186,7 +186,7 @@ def _without_busy_times(run: Run, out: Path) -> pd.DataFrame:
     cells = run.cells.copy()
     fastest = _fastest(out.parents[1], run)
     cells["busy"] = cells["calibration_ms"] > BUSY * cells["machine"].map(fastest)
-    cells["busy"] |= cells["load"] > OTHERS
+    cells["busy"] |= cells["load"] > CALM_LOAD
     cells.loc[cells["busy"], [name for name in SPEEDS if name in cells]] = np.nan
     return cells
 

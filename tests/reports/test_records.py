@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from eitbench.benchmark.analysis.comparison import compare, read_results
 from eitbench.benchmark.analysis.leaderboard import SAME, leaderboard_rows
 from eitbench.benchmark.analysis.rescore import rescore
-from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.analysis.results import BUSY, read_run
 from eitbench.benchmark.findings.acuity import acuity_of
 from eitbench.benchmark.findings.acuity_seen import SEEN_FILE
 from eitbench.benchmark.run.runner import make_plan, start_run
@@ -23,6 +23,7 @@ from eitbench.benchmark.rundir.few_bytes import DIGITS, FRAME_DIGITS
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
 from eitbench.benchmark.tuning.outdated import outdated
 from eitbench.commands.results import app as results
+from eitbench.reports.board import records
 from eitbench.reports.board.changes import REASONS, changes, last_before, reasons
 from eitbench.reports.board.records import (
     PLACE_STEP,
@@ -58,6 +59,7 @@ def with_solves(run: Path, solves: dict[str, float]) -> Path:
     """The run, as if the calibration solve had taken so long [ms] beside these methods."""
     cells = pd.read_parquet(run / "methods.parquet")
     cells["calibration_ms"] = [solves.get(name, IDLE_MS) for name in cells["method"]]
+    cells["load"] = 0.0  # whatever else runs beside the test
     cells.to_parquet(run / "methods.parquet", index=False)
     with edited_manifest(run) as content:
         content["calibration_ms"] = IDLE_MS
@@ -175,6 +177,23 @@ def test_times_beside_something_else_are_left_out(run: Path, record: Path, tmp_p
     assert rows["noser"]["score"] == whole["noser"]["score"]
     (said,) = [note for note in notes(list(rows.values())) if "busy" in note]
     assert said.startswith("no time of noser:")
+
+
+def test_times_while_other_programs_work_are_left_out(run: Path, tmp_path: Path) -> None:
+    busy = Path(shutil.copytree(run, tmp_path / "run"))
+    cells = pd.read_parquet(busy / "methods.parquet")
+    cells.assign(load=[0.9, 0.4]).to_parquet(busy / "methods.parquet", index=False)
+    kept = pd.read_parquet(write_record(busy, tmp_path / "2026.1" / "mine") / "methods.parquet")
+    assert kept["busy"].tolist() == [True, False]
+    assert kept["frame_ms_p50"].isna().tolist() == [True, False]
+
+
+def test_a_board_waits_for_the_calm_that_records_know(
+    record: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(records, "calibration_solves", lambda: [3 * IDLE_MS])
+    assert records.calm_ms(record.parents[1]) == BUSY * IDLE_MS
+    assert records.calm_ms(tmp_path) == BUSY * 3 * IDLE_MS  # no record knows better
 
 
 def test_a_slower_machine_alone_is_not_busy(run: Path, tmp_path: Path) -> None:

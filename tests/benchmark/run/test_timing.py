@@ -171,6 +171,7 @@ def test_what_is_timed_while_others_work_does_not_count(monkeypatch: pytest.Monk
     monkeypatch.setattr(timing._Load, "of_others", lambda self: next(loads))
     beside = timing.Conditions(None, calm_ms=22.0)
     assert [beside.counts() for _ in range(2)] == [False, True]
+    assert beside.columns()["load"] == 0.1  # of what counts
 
 
 def test_a_machine_that_is_never_calm_is_timed_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
