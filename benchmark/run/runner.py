@@ -184,7 +184,8 @@ def resume_run(
         jobs: as for `start_run`; it may be another number than before.
         scheduler: as for `start_run`; it may be another one, or none.
         isolate: as for `start_run`.
-        time_limit_s, calm_ms: as for `start_run`.
+        time_limit_s: as for `start_run`.
+        calm_ms: as for `start_run`.
 
     Raises:
         InputError: `run` is no run directory, belongs to another suite, plugin or data, or another
