@@ -110,9 +110,9 @@ class FamilyPrior:
             standing &= (parts[..., 3] >= parts[..., 4]).all(axis=1)
         return np.asarray(standing)
 
-    def fits(self, vector: Array) -> bool:
-        """True if the phantom of a vector (P,), filled up or not, fits into the sensor."""
-        return bool(self.parameters.possible(vector[None, : len(self.parameters.low)])[0])
+    def fitting(self, vectors: Array) -> Mask:
+        """True (n,) for vectors (n, ...), filled up or not, whose phantoms fit into the sensor."""
+        return self.parameters.possible(vectors[:, : len(self.parameters.low)])
 
     def log_density(self, vectors: Array) -> Array:
         """log p (n,) of vectors (n, P) that stand for phantoms which fit into the sensor."""

@@ -272,8 +272,9 @@ class _Annealing:
             gain = other.log_prior - now.log_prior
             gain += self._log_likelihood(other) - self._log_likelihood(now)
             accepted &= np.log(self._rng.random(len(accepted))) < gain
-            for k in np.flatnonzero(accepted):
-                accepted[k] = self._models.priors[now.families[k]].fits(other.vectors[k])
+            for step in steps:
+                of = step.of[accepted[step.of]]
+                accepted[of] = step.prior.fitting(other.vectors[of])
             self._particles = now.where(accepted, other)
             self._stride = min(self._stride * math.exp(accepted.mean() - ACCEPTED), 1.0)
 

@@ -16,10 +16,14 @@ from inspect import signature
 from typing import Any, cast
 
 from llvmlite import ir
+from llvmlite.binding import get_host_cpu_features
 from numba.core import cgutils, types
 from numba.extending import intrinsic, models, register_model
 
 LANES = 8
+WIDE = get_host_cpu_features().get("avx512f", False)
+"""True where the processor has 32 registers of `LANES` numbers. Others make two or more of each of
+these, and have room for some at a time: more would go to memory and back."""
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 Compiled = Callable[..., Any]
 

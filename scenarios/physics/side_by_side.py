@@ -18,6 +18,7 @@ from eitbench.scenarios.compiling import compiled
 from eitbench.scenarios.physics.dissection import Dissection, Place, stride
 from eitbench.scenarios.physics.registers import (
     LANES,
+    WIDE,
     less_product,
     load1,
     load2,
@@ -35,7 +36,14 @@ from eitbench.scenarios.physics.registers import (
 )
 
 TILE = 4
+NEAR = 4096
+"""Registers that stay in the cache while they are used again and again."""
 Whole = Any  # a whole number, or an array of them
+
+
+AT_ONCE, load_known = (2, load2) if WIDE else (1, load1)
+"""Registers of an unknown's potentials that are substituted back at once."""
+NOTHING = (0.0,) * AT_ONCE
 
 
 class Layout(NamedTuple):
@@ -170,14 +178,18 @@ def solve_together(
     pairs = (n_electrodes + 2 * LANES - 1) // (2 * LANES)
     potentials = _registers((parts.n_nodes + n_electrodes) * 2 * pairs if len(fields) > 0 else 0)
     potentials[:] = 0.0
+    alike = _alike(sigma, parts)
+    saved = np.empty(_saved_start(alike, parts)[-1])
     for first in range(0, len(sigma), LANES):
         count = min(LANES, len(sigma) - first)
-        for lane in range(LANES):
-            # Lanes without a sample repeat the last one.
-            given = sigma[first + min(lane, count - 1)]
-            for k in range(len(given)):
-                conductivity[k * LANES + lane] = given[k]
-        _condense(conductivity, parts, where, fronts, upper, inverses, factors, rows)
+        for k in range(sigma.shape[1]):
+            for lane in range(LANES):
+                # Lanes without a sample repeat the last one.
+                conductivity[k * LANES + lane] = sigma[first + min(lane, count - 1), k]
+        _condense(
+            conductivity, parts, where, fronts, upper, inverses, factors, rows, alike, saved,
+            first > 0,
+        )  # fmt: skip
         _resistances(
             fronts[where.starts[whole] * LANES :], parts.eliminated[whole], conductance, last,
             upper, inverses[parts.n_nodes * LANES :], factors,
@@ -214,13 +226,23 @@ def _first_failed(inverses: Array) -> int:
 @compiled
 def _condense(
     sigma: Array, parts: Dissection, where: Layout, fronts: Array, upper: Array, inverses: Array,
-    factors: Array, rows: Array,
+    factors: Array, rows: Array, alike: Index, saved: Array, again: bool,
 ) -> None:  # fmt: skip
-    """Leave -B^T A^-1 B in the front of the whole, and the eliminated rows in `rows`, if any."""
-    ended = 0
+    """Leave -B^T A^-1 B in the front of the whole, and the eliminated rows in `rows`, if any.
+
+    What is left of a part that is `alike` in all samples is `saved`, and used `again`; `inverses`
+    and `rows` still have what belongs to it.
+    """
+    ended, start = 0, _saved_start(alike, parts)
     for part in range(len(parts.size)):
         size, eliminated = parts.size[part], parts.eliminated[part]
         front = fronts[where.starts[part] * LANES :]
+        if again and alike[part] > 0:
+            first = _first_left(parts, part)
+            for k in range(start[part], start[part + 1]):
+                store(front, first + k - start[part], 1, spread((saved[k],)))
+            ended += eliminated
+            continue
         if parts.children[part, 0] < 0:
             _assemble(front, part, sigma, parts, where)
         else:
@@ -236,6 +258,54 @@ def _condense(
                 where.rows_start[-1],
             )  # fmt: skip
         ended += eliminated
+        first = _first_left(parts, part)
+        for k in range(start[part], start[part + 1]):
+            saved[k] = front[(first + k - start[part]) * LANES]
+
+
+@compiled
+def _alike(sigma: Array, parts: Dissection) -> Index:
+    """(p,) 1 for parts whose elements are alike in all samples, 2 for the largest of them.
+
+    All are 0 where that is of no use.
+    """
+    alike = np.zeros(len(parts.size), dtype=np.int64)
+    if len(sigma) <= LANES:
+        return alike
+    differs = np.zeros(sigma.shape[1], dtype=np.bool_)
+    for sample in range(1, len(sigma)):
+        for k in range(sigma.shape[1]):
+            differs[k] |= sigma[sample, k] != sigma[0, k]
+    for part in range(len(parts.size)):
+        one, other = parts.children[part]
+        if one >= 0:
+            alike[part] = min(alike[one], alike[other])
+        else:
+            of = parts.element[parts.entries_start[part] : parts.entries_start[part + 1]]
+            alike[part] = not differs[of].any()
+    for part in range(len(parts.size)):
+        if parts.children[part, 0] >= 0 and alike[part] == 0:
+            for child in parts.children[part]:
+                alike[child] *= 2
+    alike[-1] *= 2
+    return alike
+
+
+@compiled
+def _saved_start(alike: Index, parts: Dissection) -> Index:
+    """(p + 1,) where what is left of the largest parts that are alike begins in their store."""
+    start = np.zeros(len(alike) + 1, dtype=np.int64)
+    for part in range(len(alike)):
+        room = _front_room(parts.size[part]) - _first_left(parts, part)
+        start[part + 1] = start[part] + (room if alike[part] == 2 else 0)
+    return start
+
+
+@compiled
+def _first_left(parts: Dissection, part: int) -> int:
+    """The first register of a front's block row that is not eliminated as a whole."""
+    row = parts.eliminated[part] // TILE * TILE
+    return int(_tile_place(row, row, _blocks(parts.size[part])))
 
 
 @compiled
@@ -260,24 +330,70 @@ def _eliminate(
     `upper` receives the eliminated rows u of the upper triangle, four columns after four, and
     `inverses` 1 / their pivots; `factors` is room for 4 registers a pivot.
     """
-    blocks = _blocks(size)
-    for block in range(blocks):
-        first, before = block * TILE, min(block * TILE, eliminated)
+    blocks, whole = _blocks(size), _blocks(eliminated)
+    for block in range(whole):
+        first = block * TILE
+        _take(front, block, block, blocks, first, blocks, eliminated, upper, inverses, factors)
         tiles = front[_tile_place(first, first, blocks) * LANES :]
-        for k in range(before):
-            row = load4(upper, (block * eliminated + k) * TILE, 1)
-            store(factors, k * TILE, 1, times(row, load1(inverses, k, 1)))
-        for column in range(block, blocks if before > 0 else 0):
-            at, other = (column - block) * TILE**2, column * eliminated * TILE
+        rows = upper[(block * eliminated + first) * TILE * LANES :]
+        count = min(TILE, eliminated - first)
+        _pivot_rows(tiles, count, eliminated, blocks - block, rows, inverses[first * LANES :])
+    if eliminated == 0:
+        return
+    # So many columns at a time that what is taken from all their rows stays in the cache.
+    few = max(NEAR // (eliminated * TILE), 1)
+    for begin in range(whole, blocks, few):
+        end = min(begin + few, blocks)
+        for block in range(whole, end):
+            _take(
+                front,
+                block,
+                max(block, begin),
+                end,
+                eliminated,
+                blocks,
+                eliminated,
+                upper,
+                inverses,
+                factors,
+            )
+
+
+@compiled
+def _take(
+    front: Array, block: int, begin: int, end: int, before: int, blocks: int, eliminated: int,
+    upper: Array, inverses: Array, factors: Array,
+) -> None:  # fmt: skip
+    """Take the first pivots, `before` of them, from the tiles begin to end of a block row.
+
+    Where the processor has too few registers for a tile its quarters go one after another: the same
+    products, with the same bits.
+    """
+    if before == 0:
+        return
+    for k in range(before):
+        row = load4(upper, (block * eliminated + k) * TILE, 1)
+        store(factors, k * TILE, 1, times(row, load1(inverses, k, 1)))
+    tiles = front[_tile_place(block * TILE, block * TILE, blocks) * LANES :]
+    for column in range(begin, end):
+        at, other = (column - block) * TILE**2, column * eliminated * TILE
+        if WIDE:
             tile = load16(tiles, at, 1)
             for k in range(before):
                 row = load4(upper, other + k * TILE, 1)
                 tile = less_product(tile, load4(factors, k * TILE, 1), row)
             store(tiles, at, 1, tile)
-        if first < eliminated:
-            rows = upper[(block * eliminated + first) * TILE * LANES :]
-            count = min(TILE, eliminated - first)
-            _pivot_rows(tiles, count, eliminated, blocks - block, rows, inverses[first * LANES :])
+        else:
+            for r in range(0, TILE, 2):
+                for c in range(0, TILE, 2):
+                    one = at + r * TILE + c
+                    two = one + TILE
+                    quarter = load2(tiles, one, 1) + load2(tiles, two, 1)
+                    for k in range(before):
+                        row = load2(upper, other + k * TILE + c, 1)
+                        quarter = less_product(quarter, load2(factors, k * TILE + r, 1), row)
+                    store(tiles, one, 1, quarter[:2])
+                    store(tiles, two, 1, quarter[2:])
 
 
 @compiled
@@ -407,7 +523,7 @@ def _back_substitute(
     size, eliminated = parts.size[part], parts.eliminated[part]
     unknowns = parts.unknowns[parts.unknowns_start[part] : parts.unknowns_start[part + 1]]
     width = _width(size)
-    nothing = spread((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    nothing = spread(NOTHING)
     for first in range((eliminated - 1) // TILE * TILE, -1, -TILE):
         count = min(TILE, eliminated - first)
         row0 = rows[first * width + first :]
@@ -418,24 +534,25 @@ def _back_substitute(
         u12, u13, u23 = spread((row1[2],)), spread((row1[3],)), spread((row2[3],))
         row0, row1, row2, row3 = row0[count:], row1[count:], row2[count:], row3[count:]
         others = unknowns[first + count :]
-        for pair in range(0, 2 * pairs, 2):
-            tile = nothing
+        for lanes in range(0, 2 * pairs, AT_ONCE):
+            x0 = x1 = x2 = x3 = nothing
             for k in range(len(others)):
-                known = load2(potentials, np.int64(others[k]) * 2 * pairs + pair, 1)
-                column = spread((row0[k], row1[k], row2[k], row3[k]))
-                tile = less_product(tile, column, known)
-            x0, x1, x2, x3 = tile[0:2], tile[2:4], tile[4:6], tile[6:8]
+                known = load_known(potentials, np.int64(others[k]) * 2 * pairs + lanes, 1)
+                x0 = less_product(x0, spread((row0[k],)), known)
+                x1 = less_product(x1, spread((row1[k],)), known)
+                x2 = less_product(x2, spread((row2[k],)), known)
+                x3 = less_product(x3, spread((row3[k],)), known)
             if count > 3:
-                store(potentials, np.int64(unknowns[first + 3]) * 2 * pairs + pair, 1, x3)
+                store(potentials, np.int64(unknowns[first + 3]) * 2 * pairs + lanes, 1, x3)
                 x0, x1 = less_product(x0, u03, x3), less_product(x1, u13, x3)
                 x2 = less_product(x2, u23, x3)
             if count > 2:
-                store(potentials, np.int64(unknowns[first + 2]) * 2 * pairs + pair, 1, x2)
+                store(potentials, np.int64(unknowns[first + 2]) * 2 * pairs + lanes, 1, x2)
                 x0, x1 = less_product(x0, u02, x2), less_product(x1, u12, x2)
             if count > 1:
-                store(potentials, np.int64(unknowns[first + 1]) * 2 * pairs + pair, 1, x1)
+                store(potentials, np.int64(unknowns[first + 1]) * 2 * pairs + lanes, 1, x1)
                 x0 = less_product(x0, u01, x1)
-            store(potentials, np.int64(unknowns[first]) * 2 * pairs + pair, 1, x0)
+            store(potentials, np.int64(unknowns[first]) * 2 * pairs + lanes, 1, x0)
 
 
 @compiled

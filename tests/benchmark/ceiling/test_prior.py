@@ -50,7 +50,7 @@ def test_folded_vectors_stand_for_the_same_phantoms(name: str) -> None:
         vector = prior.parameters.of_phantom(phantom)
         folded = prior.folded(vector[None])
         assert prior.standing(folded).all()
-        assert prior.fits(folded[0])
+        assert prior.fitting(folded[:1]).all()
         image = prior.parameters.image(folded[0]) * SENSOR.background
         differ = image != rasterise(phantom, SENSOR)
         # An ellipse is painted as a polygon; rounding of a turn may move a pixel.

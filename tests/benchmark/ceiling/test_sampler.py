@@ -76,7 +76,7 @@ def test_draws_stand_for_phantoms_that_fit() -> None:
     assert drawn.weights.sum() == pytest.approx(1)
     for family, vector in zip(drawn.families, drawn.vectors, strict=True):
         prior = models.priors[family]
-        assert prior.fits(vector)
+        assert prior.fitting(vector[None]).all()
         assert prior.standing(vector[None, : len(prior.parameters.low)]).all()
 
 

@@ -82,6 +82,27 @@ def test_what_is_beside_an_image_changes_no_bit(model: ForwardModel, count: int)
         assert np.array_equal(one, other[some])
 
 
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.4, 1.0])
+def test_what_images_share_is_solved_once_with_the_same_bits(
+    model: ForwardModel, share: float
+) -> None:
+    """Eight images or fewer are solved in one go, so that nothing is saved from others."""
+    sigma = images(model, 19)
+    height, width = model.sensor.image_shape
+    y, x = np.mgrid[:height, :width]
+    # A corner, as large as the share says, of which half a row differs alone.
+    corner = np.maximum(y / height, x / width) >= np.sqrt(share)
+    sigma[:, corner] = sigma[0, corner]
+    sigma[5:, height // 2, : width // 2] = sigma[5, height // 2, : width // 2]
+    weights = np.random.default_rng(4).standard_normal((19, model.sensor.n_measurements))
+    every = solved(model, sigma, weights)
+    for of in (slice(0, 8), slice(8, 16), slice(16, 19)):
+        few = solved(model, sigma[of], weights[of])
+        for one, other in zip(few, every, strict=True):
+            assert np.array_equal(one, other[of])
+        assert np.array_equal(model.voltages(sigma[of]), model.voltages(sigma)[of])
+
+
 def test_batches_against_a_dense_solver(model: ForwardModel) -> None:
     """The whole system as one matrix, solved by LAPACK."""
     mesh, of = model.mesh, model.sensor
