@@ -17,6 +17,7 @@ from eitbench.scenarios.physics.forward import forward_model
 
 FORWARD = {
     "test_fem_batch": "eitbench `fem`, batch of 64",
+    "test_fem_batch_alike": "eitbench `fem`, batch of 64 that differ in 1/16 of their pixels",
     "test_fem_one_by_one": "eitbench `fem`, 64 images one by one",
     "test_fem_single": "eitbench `fem`, one image",
     "test_fem_batch_and_gradient": "eitbench `fem`, batch of 64, with gradient",

@@ -158,6 +158,15 @@ def test_fem_batch(benchmark: BenchmarkFixture, images: Array) -> None:
 
 
 @pytest.mark.benchmark(group=FORWARD, min_rounds=10, warmup=True)
+def test_fem_batch_alike(benchmark: BenchmarkFixture, images: Array) -> None:
+    """The background but for a sixteenth of the pixels, as phantoms that explain one frame are."""
+    alike = np.full_like(images, sensor("foam16").background)
+    alike[:, 20:40, 30:50] = images[:, ::4, ::4]
+    benchmark.extra_info["samples"] = len(images)
+    benchmark(operator("fem", sensor("foam16")).voltages, alike)
+
+
+@pytest.mark.benchmark(group=FORWARD, min_rounds=10, warmup=True)
 def test_fem_one_by_one(benchmark: BenchmarkFixture, images: Array) -> None:
     fem = operator("fem", sensor("foam16"))
     benchmark.extra_info["samples"] = len(images)
