@@ -38,7 +38,7 @@ def ceiling(
     """Work out how well the touches of a suite could be known by a method that knows their law.
 
     Two samplers draw from the posterior of every frame, told the families, their ranges, the noise,
-    the mesh and the electrodes. One to two minutes a frame, on one core; clean frames get 70 dB.
+    the mesh and the electrodes. About a minute a frame, on one core; clean frames get 70 dB.
     """
     from eitbench.benchmark.ceiling.drawing import draw_posteriors
     from eitbench.benchmark.ceiling.figures import summary, write_record
