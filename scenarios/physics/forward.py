@@ -36,12 +36,8 @@ from eitbench.scenarios.physics.dissection import dissect
 from eitbench.scenarios.physics.elements import couplings, electrode_terms
 from eitbench.scenarios.physics.elimination import element_gradients, sensitivities, solve
 from eitbench.scenarios.physics.mesh import Mesh, build_mesh
-from eitbench.scenarios.physics.side_by_side import (
-    Layout,
-    gradients_together,
-    layout,
-    solve_together,
-)
+from eitbench.scenarios.physics.side_by_side import gradients_together, solve_together
+from eitbench.scenarios.physics.tiles import Layout, layout
 from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor
 

@@ -15,10 +15,14 @@ from collections.abc import Callable
 from inspect import signature
 from typing import Any, cast
 
+import numpy as np
 from llvmlite import ir
 from llvmlite.binding import get_host_cpu_features
 from numba.core import cgutils, types
 from numba.extending import intrinsic, models, register_model
+
+from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.compiling import compiled
 
 LANES = 8
 WIDE = get_host_cpu_features().get("avx512f", False)
@@ -203,3 +207,11 @@ def _places(context: Any, builder: Any, array: Any, arguments: Any, count: int) 
         number = builder.mul(register, ir.Constant(at.type, LANES))
         places.append(builder.bitcast(builder.gep(data, [number]), _VECTOR.as_pointer()))
     return places
+
+
+@compiled
+def new_registers(count: int) -> Array:
+    """A register array that begins at a line of the cache; its numbers are left as they are."""
+    numbers = np.empty(LANES * (count + 1))
+    first = -(numbers.ctypes.data // 8) % LANES
+    return numbers[first : first + LANES * count]

@@ -1,21 +1,17 @@
 """Solving the forward problem for eight samples at a time, one in each lane of a vector register.
 
 The elimination is that of `elimination`, arranged for arithmetic: fronts are cut into tiles of 4 x
-4 entries, and a tile takes all pivots before it at once, in registers. Of a front's tiles, block
-row after block row, only those of the upper triangle exist; a tile is 16 registers, row after row.
+4 entries (see `tiles`), and a tile takes all pivots before it at once, in registers.
 
 The bits of a sample depend neither on its lane nor on the samples in the others. They differ from
 those of `elimination`, which takes the same sums in another order, in the last few places.
 """
 
-from typing import Any, NamedTuple
-
 import numpy as np
-from numba.extending import register_jitable
 
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.compiling import compiled
-from eitbench.scenarios.physics.dissection import Dissection, Place, stride
+from eitbench.scenarios.physics.dissection import Dissection, Place
 from eitbench.scenarios.physics.registers import (
     LANES,
     WIDE,
@@ -25,6 +21,7 @@ from eitbench.scenarios.physics.registers import (
     load4,
     load16,
     minus,
+    new_registers,
     plus,
     prefetch,
     reciprocal,
@@ -34,124 +31,20 @@ from eitbench.scenarios.physics.registers import (
     total,
     transposed,
 )
+from eitbench.scenarios.physics.tiles import (
+    TILE,
+    Layout,
+    blocks_of,
+    front_room,
+    tile_place,
+    width_of,
+)
 
-TILE = 4
 NEAR = 4096
 """Registers that stay in the cache while they are used again and again."""
-Whole = Any  # a whole number, or an array of them
-
-
 AT_ONCE, load_known = (2, load2) if WIDE else (1, load1)
 """Registers of an unknown's potentials that are substituted back at once."""
 NOTHING = (0.0,) * AT_ONCE
-
-
-class Layout(NamedTuple):
-    """Where the registers of a dissection's fronts and the numbers of its eliminated rows are.
-
-    Attributes:
-        starts: (p + 1,) the first register of each front, and the number of registers; a front is
-            overwritten when that of its parent is complete. Register 0 is 0.
-        entry, fixed_entry: those of the dissection, as registers of the front.
-        sources, sources_start: (t, 2) the registers, one of each child, that add up to the
-            registers of a front, one after another.
-        rows_start: (p + 1,) where a part's eliminated rows begin in the store of one sample.
-    """
-
-    starts: Index
-    entry: Place
-    fixed_entry: Place
-    sources: Place
-    sources_start: Index
-    rows_start: Index
-
-
-def layout(parts: Dissection) -> Layout:
-    """The layout of a dissection."""
-    n, blocks = len(parts.size), _blocks(parts.size)
-    starts = _front_starts(parts)
-    # The dissection's fronts lie row after row.
-    strides = np.array([stride(size) for size in parts.size.tolist()])
-    of = [np.repeat(np.arange(n), np.diff(at)) for at in (parts.entries_start, parts.fixed_start)]
-    entry, fixed_entry = (
-        _tile_place(*np.divmod(at.astype(np.int64), strides[part]), blocks[part])
-        for at, part in zip((parts.entry, parts.fixed_entry), of, strict=True)
-    )
-    sources = []
-    for part, children in enumerate(parts.children):
-        row, column = _tile_entries(int(blocks[part]) if children[0] >= 0 else 0)
-        found = np.zeros((len(row), 2), dtype=np.int64)
-        for which, child in enumerate(children if len(row) else ()):
-            gone, remaining = parts.eliminated[child], parts.size[child] - parts.eliminated[child]
-            where = np.full(blocks[part] * TILE, -1)
-            places = parts.places[parts.places_start[child] :][:remaining]
-            where[places] = gone + np.arange(remaining)
-            a, b = where[row], where[column]
-            place = starts[child] + _tile_place(a, b, blocks[child])
-            found[:, which] = np.where((a >= 0) & (b >= a), place, 0)
-        sources.append(found)
-    return Layout(
-        starts,
-        entry.astype(np.uint32),
-        fixed_entry.astype(np.uint32),
-        np.concatenate(sources).astype(np.uint32),
-        np.cumsum([0, *map(len, sources)]),
-        np.cumsum([0, *(parts.eliminated * _width(parts.size))]),
-    )
-
-
-def _front_starts(parts: Dissection) -> Index:
-    """Parts equally many cuts below the whole share two places: first children, second children."""
-    place = np.zeros(len(parts.size), dtype=np.int64)
-    room = np.zeros(2 * len(parts.size), dtype=np.int64)
-    for part in range(len(parts.size) - 1, -1, -1):
-        room[place[part]] = max(room[place[part]], _front_room(parts.size[part]))
-        if parts.children[part, 0] >= 0:
-            place[parts.children[part]] = place[part] // 2 * 2 + np.array([2, 3])
-    return np.append((1 + np.cumsum(room) - room)[place], 1 + room.sum())
-
-
-def _tile_entries(blocks: int) -> tuple[Index, Index]:
-    """Row and column of every register of a front."""
-    row, column = (TILE * k[:, None, None] for k in np.triu_indices(blocks))
-    within = np.arange(TILE)
-    shape = (len(row), TILE, TILE)
-    return (
-        np.broadcast_to(row + within[:, None], shape).ravel(),
-        np.broadcast_to(column + within, shape).ravel(),
-    )
-
-
-@register_jitable
-def _tile_place(row: Whole, column: Whole, blocks: Whole) -> Whole:
-    """The register of an entry of the upper triangle in a front of so many blocks."""
-    above = row // TILE
-    tile = above * blocks - above * (above + 1) // 2 + column // TILE
-    return tile * TILE**2 + row % TILE * TILE + column % TILE
-
-
-@register_jitable
-def _blocks(size: Whole) -> Whole:
-    return (size + TILE - 1) // TILE
-
-
-@register_jitable
-def _front_room(size: Whole) -> Whole:
-    return _blocks(size) * (_blocks(size) + 1) // 2 * TILE**2
-
-
-@register_jitable
-def _width(size: Whole) -> Whole:
-    """Numbers between the eliminated rows of a sample."""
-    return (size + LANES - 1) // LANES * LANES
-
-
-@compiled
-def _registers(count: int) -> Array:
-    """A register array that begins at a line of the cache; its numbers are left as they are."""
-    numbers = np.empty(LANES * (count + 1))
-    first = -(numbers.ctypes.data // 8) % LANES
-    return numbers[first : first + LANES * count]
 
 
 @compiled
@@ -165,18 +58,18 @@ def solve_together(
 ) -> int:
     """What `elimination.solve` does, eight samples at a time: its arguments, and the layout."""
     n_electrodes, whole = len(conductance), len(parts.size) - 1
-    fronts = _registers(where.starts[-1])
+    fronts = new_registers(where.starts[-1])
     fronts[:LANES] = 0.0
-    conductivity = _registers(sigma.shape[1])
-    inverses = _registers(parts.n_nodes + n_electrodes)
-    factors = _registers(max(parts.eliminated.max(), n_electrodes) * TILE)
-    upper = _registers(
-        max((parts.eliminated * (_blocks(parts.size) + 1)).max(), n_electrodes**2) * TILE
+    conductivity = new_registers(sigma.shape[1])
+    inverses = new_registers(parts.n_nodes + n_electrodes)
+    factors = new_registers(max(parts.eliminated.max(), n_electrodes) * TILE)
+    upper = new_registers(
+        max((parts.eliminated * (blocks_of(parts.size) + 1)).max(), n_electrodes**2) * TILE
     )
-    last = _registers(_front_room(2 * n_electrodes))
-    rows = _registers(where.rows_start[-1] if len(fields) > 0 else 0)
+    last = new_registers(front_room(2 * n_electrodes))
+    rows = new_registers(where.rows_start[-1] if len(fields) > 0 else 0)
     pairs = (n_electrodes + 2 * LANES - 1) // (2 * LANES)
-    potentials = _registers((parts.n_nodes + n_electrodes) * 2 * pairs if len(fields) > 0 else 0)
+    potentials = new_registers((parts.n_nodes + n_electrodes) * 2 * pairs if len(fields) > 0 else 0)
     potentials[:] = 0.0
     alike = _alike(sigma, parts)
     saved = np.empty(_saved_start(alike, parts)[-1])
@@ -199,7 +92,7 @@ def solve_together(
             return first + failed
         for a in range(n_electrodes):
             for b in range(a, n_electrodes):
-                at = _tile_place(n_electrodes + a, n_electrodes + b, _blocks(2 * n_electrodes))
+                at = tile_place(n_electrodes + a, n_electrodes + b, blocks_of(2 * n_electrodes))
                 for lane in range(count):
                     of = resistance[first + lane]
                     of[a, b] = of[b, a] = -last[at * LANES + lane]
@@ -296,7 +189,7 @@ def _saved_start(alike: Index, parts: Dissection) -> Index:
     """(p + 1,) where what is left of the largest parts that are alike begins in their store."""
     start = np.zeros(len(alike) + 1, dtype=np.int64)
     for part in range(len(alike)):
-        room = _front_room(parts.size[part]) - _first_left(parts, part)
+        room = front_room(parts.size[part]) - _first_left(parts, part)
         start[part + 1] = start[part] + (room if alike[part] == 2 else 0)
     return start
 
@@ -305,13 +198,13 @@ def _saved_start(alike: Index, parts: Dissection) -> Index:
 def _first_left(parts: Dissection, part: int) -> int:
     """The first register of a front's block row that is not eliminated as a whole."""
     row = parts.eliminated[part] // TILE * TILE
-    return int(_tile_place(row, row, _blocks(parts.size[part])))
+    return int(tile_place(row, row, blocks_of(parts.size[part])))
 
 
 @compiled
 def _assemble(front: Array, part: int, sigma: Array, parts: Dissection, where: Layout) -> None:
     """Make the front of a smallest part from its elements' and electrodes' matrices."""
-    front[: _front_room(parts.size[part]) * LANES] = 0.0
+    front[: front_room(parts.size[part]) * LANES] = 0.0
     for k in range(parts.entries_start[part], parts.entries_start[part + 1]):
         at, of = np.int64(where.entry[k]), np.int64(parts.element[k])
         added = times(load1(sigma, of, 1), spread((parts.coefficient[k],)))
@@ -330,11 +223,11 @@ def _eliminate(
     `upper` receives the eliminated rows u of the upper triangle, four columns after four, and
     `inverses` 1 / their pivots; `factors` is room for 4 registers a pivot.
     """
-    blocks, whole = _blocks(size), _blocks(eliminated)
+    blocks, whole = blocks_of(size), blocks_of(eliminated)
     for block in range(whole):
         first = block * TILE
         _take(front, block, block, blocks, first, blocks, eliminated, upper, inverses, factors)
-        tiles = front[_tile_place(first, first, blocks) * LANES :]
+        tiles = front[tile_place(first, first, blocks) * LANES :]
         rows = upper[(block * eliminated + first) * TILE * LANES :]
         count = min(TILE, eliminated - first)
         _pivot_rows(tiles, count, eliminated, blocks - block, rows, inverses[first * LANES :])
@@ -374,7 +267,7 @@ def _take(
     for k in range(before):
         row = load4(upper, (block * eliminated + k) * TILE, 1)
         store(factors, k * TILE, 1, times(row, load1(inverses, k, 1)))
-    tiles = front[_tile_place(block * TILE, block * TILE, blocks) * LANES :]
+    tiles = front[tile_place(block * TILE, block * TILE, blocks) * LANES :]
     for column in range(begin, end):
         at, other = (column - block) * TILE**2, column * eliminated * TILE
         if WIDE:
@@ -449,7 +342,7 @@ def _keep(
     upper: Array, inverses: Array, eliminated: int, size: int, rows: Array, apart: int
 ) -> None:
     """Store the eliminated rows u / u[pivot] of a part, each sample's `apart` numbers further."""
-    width = _width(size)
+    width = width_of(size)
     for k in range(eliminated):
         inverse = load1(inverses, k, 1)
         for column in range(k // LANES * LANES, size, LANES):
@@ -470,19 +363,19 @@ def _resistances(
     unknowns of [[S, 1], [1, 0]] leaves -S^-1.
     """
     n = len(conductance)
-    of, into = _blocks(gone + n), _blocks(2 * n)
+    of, into = blocks_of(gone + n), blocks_of(2 * n)
     front[:] = 0.0
     scale = spread((0.0,))
     for a in range(n):
-        at = _tile_place(gone + a, gone + a, of)
+        at = tile_place(gone + a, gone + a, of)
         diagonal = plus(load1(left, at, 1), spread((conductance[a],)))
         store(left, at, 1, diagonal)
         scale = plus(scale, times(diagonal, spread((1 / n**2,))))
     for a in range(n):
         for b in range(a, n):
-            entry = load1(left, _tile_place(gone + a, gone + b, of), 1)
-            store(front, _tile_place(a, b, into), 1, plus(entry, scale))
-        store(front, _tile_place(a, n + a, into), 1, spread((1.0,)))
+            entry = load1(left, tile_place(gone + a, gone + b, of), 1)
+            store(front, tile_place(a, b, into), 1, plus(entry, scale))
+        store(front, tile_place(a, n + a, into), 1, spread((1.0,)))
     _eliminate(front, 2 * n, n, upper, inverses, factors)
 
 
@@ -522,7 +415,7 @@ def _back_substitute(
     """Complete one sample's `potentials` with the unknowns that end in `part`."""
     size, eliminated = parts.size[part], parts.eliminated[part]
     unknowns = parts.unknowns[parts.unknowns_start[part] : parts.unknowns_start[part + 1]]
-    width = _width(size)
+    width = width_of(size)
     nothing = spread(NOTHING)
     for first in range((eliminated - 1) // TILE * TILE, -1, -TILE):
         count = min(TILE, eliminated - first)
@@ -566,9 +459,9 @@ def gradients_together(
     """
     nodes, n_electrodes = fields.shape[1:]
     width = (n_electrodes + LANES - 1) // LANES
-    rows = _blocks(nodes) * TILE
-    y, z = _registers(rows * width), _registers(rows * width)
-    weight = _registers(n_electrodes * width)
+    rows = blocks_of(nodes) * TILE
+    y, z = new_registers(rows * width), new_registers(rows * width)
+    weight = new_registers(n_electrodes * width)
     y[:], weight[:] = 0.0, 0.0
     for sample in range(len(fields)):
         for r in range(n_electrodes):
