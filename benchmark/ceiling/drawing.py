@@ -68,8 +68,7 @@ def told(scenario: Scenario) -> SimulatedScenario:
             f"Scenario {scenario.name!r} has {what[0]}, which the ceiling is not told: it knows "
             "the mesh and the electrodes of every unit."
         )
-    for family in scenario.split_families("test"):
-        FamilyPrior.of(family, scenario.nominal_sensor)
+    priors_of(scenario)
     noise = scenario.noise.test
     if noise == "mixture" or (noise != "clean" and not 0 < noise <= MOST_DB):
         raise InputError(
@@ -85,6 +84,16 @@ def told(scenario: Scenario) -> SimulatedScenario:
             "noise": scenario.noise.model_copy(update={"test": CLEAN_DB}),
         }
     )
+
+
+def priors_of(scenario: SimulatedScenario) -> tuple[FamilyPrior, ...]:
+    """The laws that the test phantoms of a scenario are drawn by, one for each shape of a family.
+
+    Raises:
+        InputError: a family whose phantoms are not vectors of parameters.
+    """
+    families, sensor = scenario.split_families("test"), scenario.nominal_sensor
+    return tuple(prior for family in families for prior in FamilyPrior.of(family, sensor))
 
 
 class _Frame(NamedTuple):
@@ -184,8 +193,7 @@ def _draw(scenario: SimulatedScenario, frames: list[_Frame], session: int) -> No
     """Draw from the posteriors of frames of one unit; runs in a worker process."""
     exact = scenario.data_model("test", session)
     assert isinstance(exact, ForwardModel)
-    families = scenario.split_families("test")
-    priors = tuple(FamilyPrior.of(family, scenario.nominal_sensor) for family in families)
+    priors = priors_of(scenario)
     with threadpool_limits(1):
         models = PhantomModels(priors, exact)
         samplers = {

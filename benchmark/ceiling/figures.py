@@ -24,6 +24,7 @@ from eitbench.benchmark.ceiling.drawing import (
     SEEDS,
     VERSION,
     draws_of,
+    priors_of,
     told,
 )
 from eitbench.benchmark.ceiling.models import images
@@ -87,7 +88,7 @@ def frames_table(
             rows.append(recorded)
         truth = data.conductivity
         assert truth is not None
-        families = [Parameters(of, data.sensor) for of in scenario.split_families("test")]
+        families = [prior.parameters for prior in priors_of(scenario)]
         found, estimates, which = [], [], []
         for sample in range(len(data)):
             drawn = draws_of(folder, scenario.name, sample, data.frame_hashes[sample])
@@ -132,7 +133,9 @@ def _frame(
     below = weight @ (both < true) + chance * (weight @ (both == true))
     deviations = np.sqrt(weight @ (both - weight @ both) ** 2)
     family = np.concatenate([drawn[k].families for k in PROPOSALS])
-    likely = np.bincount(family, weight, minlength=len(families))
+    likely = dict.fromkeys((of.family.name for of in families), 0.0)
+    for of, share in zip(families, np.bincount(family, weight, len(families)), strict=True):
+        likely[of.family.name] += float(share)
     chance_of = generator("ceiling", "draws", data.scenario, sample)
     chosen = chance_of.choice(len(weight), DRAWS, p=weight / weight.sum())
     draws = np.concatenate([painted[k] for k in PROPOSALS])[chosen].astype(np.float32)
@@ -158,7 +161,7 @@ def _frame(
         **{f"rank_{name}": float(below[t]) for t, name in enumerate(TRACES)},
         **{f"true_{name}": float(value) for name, value in zip(TRACES, true, strict=True)},
         **{f"sd_{name}": float(deviations[t]) for t, name in enumerate(TRACES)},
-        **{f"likely_{of.family.name}": float(p) for of, p in zip(families, likely, strict=True)},
+        **{f"likely_{name}": share for name, share in likely.items()},
         **{name: float(values[0]) for name, values in stated.items() if name in STATED},
     }, mean  # fmt: skip
 

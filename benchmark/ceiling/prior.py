@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -45,27 +45,38 @@ class FamilyPrior:
 
     One vector stands for all that give the same phantom: angles lie within a shape's period, a
     rectangle is at least as wide as high, and several inclusions are ordered by x.
+
+    Attributes:
+        parameters: of the family, with one shape.
+        share: of the phantoms of the family that have this shape.
     """
 
     parameters: Parameters
+    share: float
 
     @classmethod
-    def of(cls, family: Family, sensor: Sensor) -> FamilyPrior:
-        """The law of `family`.
+    def of(cls, family: Family, sensor: Sensor) -> tuple[FamilyPrior, ...]:
+        """The law of the phantoms of each shape of `family`, which are drawn equally often.
 
         Raises:
             InputError: a family whose phantoms are not vectors of parameters.
         """
-        sizes = family.shapes[0].sizes
-        ranges = [*sizes.values(), family.conductivity]
-        unlike = family.shapes[0].name == "rectangle" and sizes["width"] != sizes["height"]
-        if len(family.shapes) > 1 or family.pressure is not None or family.levels:
-            why = "one shape whose conductivity is drawn from a range"
-        elif unlike or any(low >= high for low, high in ranges):
-            why = "ranges that have a width, the same for both sides of a rectangle"
-        else:
-            return cls(Parameters(family, sensor, slack=ROUND))
-        raise InputError(f"The ceiling is not known for family {family.name!r}: it needs {why}.")
+        found = []
+        for shape in family.shapes:
+            unlike = shape.name == "rectangle" and shape.sizes["width"] != shape.sizes["height"]
+            ranges = [*shape.sizes.values(), family.pressure or family.conductivity]
+            why = ""
+            if family.levels:
+                why = "conductivities or pressures that are drawn from a range"
+            elif unlike or any(low >= high for low, high in ranges):
+                why = "ranges that have a width, the same for both sides of a rectangle"
+            if why:
+                raise InputError(
+                    f"The ceiling is not known for family {family.name!r}: it needs {why}."
+                )
+            alone = Parameters(replace(family, shapes=(shape,)), sensor, slack=ROUND)
+            found.append(cls(alone, 1 / len(family.shapes)))
+        return tuple(found)
 
     @property
     def _shape(self) -> str:

@@ -153,7 +153,7 @@ class _Annealing:
         self._count, self._particles = sampler.count, sampler.library
         self._frame, self._rng = frame, rng
         self._use(self._models.untouched())
-        self._log_likely = np.zeros(len(self._models.priors))
+        self._log_likely = np.log([prior.share for prior in self._models.priors])
         self._sharpness, self._stride = 0.0, 1.0
 
     def _use(self, stand_in: StandIn) -> None:

@@ -14,6 +14,7 @@ from eitbench.scenarios.arrays import Array, Mask
 from eitbench.scenarios.compiling import compiled
 from eitbench.scenarios.phantoms.families import Family
 from eitbench.scenarios.phantoms.phantom import Phantom
+from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.phantoms.regions import RIM_POINTS, Circle
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -47,7 +48,8 @@ class Parameters:
     """Vectors (P,) for the phantoms of one family on one sensor.
 
     For each inclusion: place x and y and, if it matters, angle [rad], the sizes of the shape, and
-    the conductivity over the background. Lengths are fractions of the sensor's side.
+    the conductivity over the background, or the pressure of soft presses over the modulus of the
+    foam. Lengths are fractions of the sensor's side.
 
     Attributes:
         family: of a single shape.
@@ -80,7 +82,9 @@ class Parameters:
             rows.append((-math.inf, math.inf, STEP["angle"]))
         for name, (low, high) in self.family.shapes[0].sizes.items():
             rows.append((low, high, STEP["ratio" if name.endswith("ratio") else "size"]))
-        rows.append((*self.family.conductivity, STEP["level"]))
+        soft, modulus = self.family.pressure, FOAM.modulus
+        levels = (soft[0] / modulus, soft[1] / modulus) if soft else self.family.conductivity
+        rows.append((*levels, STEP["level"]))
         return np.array(rows * self.family.count)
 
     @cached_property
@@ -131,12 +135,27 @@ class Parameters:
         width = edge * math.sqrt(self._grid.width * self._grid.height)
         for part in np.moveaxis(self.parts(vectors), 1, 0):
             of, levels = self._metres(part), part[:, -1].copy()
-            if self._shape[2]:
+            if self.family.pressure:
+                pressures = FOAM.modulus * levels[:, None, None]
+                images *= FOAM.pressed(pressures, self._distances(of))
+            elif self._shape[2]:
                 paint_polygons(images, self._corners(of), levels, self._grid, width)
             else:
                 outer, inner = _radii(of.sizes)
                 paint_rings(images, of.places, inner, outer, levels, self._grid, width)
         return images
+
+    def _distances(self, of: "_Placed") -> Array:
+        """Distances (n, H, W) [m] of pixels from discs or rectangles; 0 inside."""
+        x, y = self.sensor.pixel_centres
+        dx, dy = x - of.places[:, 0, None, None], y - of.places[:, 1, None, None]
+        if not self._shape[2]:
+            return np.asarray(np.hypot(dx, dy) - _radii(of.sizes)[0][:, None, None]).clip(min=0)
+        cos, sin = (turn(of.angles)[:, None, None] for turn in (np.cos, np.sin))
+        half = (of.sizes[name][:, None, None] / 2 for name in ("width", "height"))
+        along = (np.abs(cos * dx + sin * dy), np.abs(cos * dy - sin * dx))
+        beyond = [(a - h).clip(min=0) for a, h in zip(along, half, strict=True)]
+        return np.asarray(np.hypot(*beyond))
 
     def derivative(self, vector: Array, edge: float) -> Array:
         """Change of the image (P, H, W) with each parameter, times its step; `edge` in pixels."""
@@ -190,7 +209,10 @@ class Parameters:
                 drawn[n] if n.endswith("ratio") else drawn[f"{n}{number}_m"] / self.side
                 for n in names
             ]
-            vector.append(drawn[f"conductivity{number}"] / phantom.background)
+            if self.family.pressure:
+                vector.append(drawn[f"pressure{number}_pa"] / FOAM.modulus)
+            else:
+                vector.append(drawn[f"conductivity{number}"] / phantom.background)
         return np.array(vector)
 
     def straightened(self, vectors: Array) -> tuple[Array, Array]:
@@ -199,8 +221,10 @@ class Parameters:
         A frame tells the product of an inclusion's area and its (x - 1) / (x + 1) better than each
         of them: the strength of the dipole that stands for it (Polya and Szego 1951). The strength
         takes the place of the conductivity x. Also (n,) the logarithm of the volume of vectors
-        over that of coordinates.
+        over that of coordinates. Pressures stay as they are.
         """
+        if self.family.pressure:
+            return vectors.copy(), np.zeros(len(vectors))
         parts = self.parts(vectors)
         levels, areas = parts[..., -1], self._areas(parts)
         straight = parts.copy()
@@ -213,6 +237,8 @@ class Parameters:
 
         A strength of the area or more belongs to no conductivity: its vector is out of range.
         """
+        if self.family.pressure:
+            return straight.copy()
         parts = self.parts(straight).copy()
         factors = parts[..., -1] / self._areas(parts)
         with np.errstate(divide="ignore"):

@@ -73,7 +73,7 @@ class FoamLayer:
         porosity = 1 - (1 - self.porosity) / left
         return np.asarray(left * (porosity / self.porosity) ** self.exponent)
 
-    def pressed(self, pressure: float, distance: ArrayLike) -> Array:
+    def pressed(self, pressure: ArrayLike, distance: ArrayLike) -> Array:
         """Conductivity ratio at `distance` [m] from an indenter under `pressure` [Pa]."""
         decay = np.exp(-np.asarray(distance, dtype=np.float64) / self.falloff)
         return self.conductivity_ratio(self.strain(pressure) * decay)

@@ -38,7 +38,7 @@ def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
         ({"noise": {"test": 0}}, "0.0: the ceiling needs frames that all have one SNR, above 0"),
         ({"noise": {"test": 120}}, "120.0: the ceiling needs .* up to 80 dB"),
         ({"noise": {"test": "mixture"}}, "'mixture': the ceiling needs frames"),
-        ({"families": ("conductive",)}, "not known for family 'conductive'"),
+        ({"families": ("tank-1",)}, "not known for family .tank-1."),
         ({"families": ("object-rectangle",)}, "the same for both sides of a rectangle"),
         ({"imperfections": {"gain": 0.01}}, "has gain, which the ceiling is not told"),
         ({"imperfections": {"mesh": "slab"}}, "has a slab, which the ceiling is not told"),

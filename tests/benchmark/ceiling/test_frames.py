@@ -15,7 +15,7 @@ from eitbench.scenarios.physics.forward import ForwardModel
 
 SENSOR = foam((20, 20))
 NAMES = ("circle", "rectangle")
-PRIORS = tuple(FamilyPrior.of(FAMILIES[name], SENSOR) for name in NAMES)
+PRIORS = tuple(prior for name in NAMES for prior in FamilyPrior.of(FAMILIES[name], SENSOR))
 
 
 @pytest.fixture(scope="module")
