@@ -8,7 +8,7 @@ stopped goes on, and one with more samples adds to one with fewer.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -84,6 +84,20 @@ def told(scenario: Scenario) -> SimulatedScenario:
             "noise": scenario.noise.model_copy(update={"test": CLEAN_DB}),
         }
     )
+
+
+def known_of(scenarios: Iterable[Scenario]) -> tuple[list[Scenario], list[InputError]]:
+    """The scenarios that the sampler can be told, and why it cannot be told the others."""
+    known: list[Scenario] = []
+    refused = []
+    for scenario in scenarios:
+        try:
+            told(scenario)
+        except InputError as error:
+            refused.append(error)
+        else:
+            known.append(scenario)
+    return known, refused
 
 
 def priors_of(scenario: SimulatedScenario) -> tuple[FamilyPrior, ...]:

@@ -28,7 +28,7 @@ from eitbench.benchmark.ceiling.drawing import (
     told,
 )
 from eitbench.benchmark.ceiling.models import images
-from eitbench.benchmark.ceiling.record import recorded_frames
+from eitbench.benchmark.ceiling.record import recorded_frames, recorded_runs
 from eitbench.benchmark.ceiling.sampler import CORRECTED, PROPOSALS, Draws, Proposals
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.metrics.statistics import bootstrap, means
@@ -203,9 +203,11 @@ def summary(frames: pd.DataFrame) -> pd.DataFrame:
 
     Columns: `scenario`, `snr_db` and `n`; means of `FIGURES`, of the place the median;
     `psnr_of_mse` [dB] with its 95 % interval `low` and `high`; `expected_psnr` [dB], the same by
-    the variance of the posterior; `apart_db`, how far that of one sampler is above that of the
-    other, `apart_low` and `apart_high`; `agreed`, the share of trusted frames, and `exact`, of
-    those with exact weights; `within_50`, `within_80` and `within_95`, the share of true traces
+    the variance of the posterior, and `image_psnr`, that of the mean image itself; `apart_db`, how
+    far that of one sampler is above that of the other, `apart_low` and `apart_high`; `agreed`, the
+    share of trusted frames, and `exact`, of those with exact weights, and `agreed_psnr` and
+    `exact_psnr` [dB] as `psnr_of_mse` of these frames alone; `worst`, the share of the squared
+    error that one frame has; `within_50`, `within_80` and `within_95`, the share of true traces
     within central intervals of the posterior; `uniform_p`, the least p-value of Kolmogorov and
     Smirnov's test that the ranks of a trace are uniform, times the number of traces.
     """
@@ -227,13 +229,23 @@ def _summary(scenario: str, of: pd.DataFrame) -> dict[str, object]:
         **{name: float(of[name].mean()) for name in FIGURES if name != "localisation_mm"},
         "localisation_mm": float(of["localisation_mm"].median()),
         **dict(zip(("psnr_of_mse", "low", "high"), whole, strict=True)),
-        "expected_psnr": float(-10 * np.log10(of["expected_mse"].mean())),
+        "expected_psnr": _psnr(of["expected_mse"]),
+        # Of the mean of both samplers' means.
+        "image_psnr": _psnr((2 * of["mse"] + errors[:, 1] + errors[:, 2]) / 4),
         **dict(zip(("apart_db", "apart_low", "apart_high"), apart, strict=True)),
         "agreed": float(trusted(of).mean()),
         "exact": float(exactly_weighted(of).mean()),
+        "agreed_psnr": _psnr(of["mse"][trusted(of)]),
+        "exact_psnr": _psnr(of["mse"][exactly_weighted(of)]),
+        "worst": float(of["mse"].max() / of["mse"].sum()),
         **{f"within_{level}": float((off <= level / 200).mean()) for level in (50, 80, 95)},
         "uniform_p": min(1.0, len(TRACES) * min(tests)),
     }
+
+
+def _psnr(errors: pd.Series) -> float:
+    """PSNR [dB] of the mean of squared errors; NaN of none."""
+    return float(-10 * np.log10(errors.mean())) if len(errors) else float("nan")
 
 
 def _decibels(counts: Array, errors: Array) -> Array:
@@ -260,8 +272,10 @@ def write_record(
     """
     frames = frames_table(draws, scenarios, samples, record=record)
     named = ",".join(scenario.name for scenario in scenarios)
+    kept = recorded_runs(suite) if record else []
     about = {
-        "command": f"eitbench ceiling {suite} --scenarios {named} --samples {samples} --out DIR",
+        "command": f"eitbench ceiling {suite} --scenarios {named} --samples {samples} "
+        f"{'--record ' * record}--out DIR",
         "sampler": {"version": VERSION, "particles": PARTICLES, "library": LIBRARY, "seeds": SEEDS},
         "data": {
             of.name: of.data_hash("test")
@@ -269,6 +283,8 @@ def write_record(
             if of.name in set(frames["scenario"])
         },
         **environment(),
+        # Whose frames stand in the table, too.
+        "earlier": kept,
     }
     table = frames.to_csv(index=False, float_format="%.6g", lineterminator="\n")
     atomic_write(out / f"{suite}.csv", table.encode())

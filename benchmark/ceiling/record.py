@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -40,6 +41,16 @@ def recorded_frames(scenario: str, data_hash: str | None) -> pd.DataFrame:
     """
     nothing = pd.DataFrame(columns=["scenario", "sample", "input_hash", "mse"])
     return _stored().get((scenario, data_hash), nothing)
+
+
+def recorded_runs(suite: str) -> list[dict[str, Any]]:
+    """What made the record of a suite, command, versions and commit; the first run first."""
+    path = RECORDS / f"{suite}.json"
+    if not path.is_file():
+        return []
+    last: dict[str, Any] = json.loads(path.read_text())
+    earlier: list[dict[str, Any]] = last.pop("earlier", [])
+    return [*earlier, {name: last[name] for name in last if name != "data"}]
 
 
 def below_ceiling(

@@ -328,7 +328,7 @@ def _seen(contrast: Array) -> float:
 
 
 def uncertainty(tested: MethodUnderTest) -> str:
-    """Uncertainty is finite, positive, the same twice and in other units.
+    """Uncertainty is finite, positive, the same twice, in a batch and in other units.
 
     A method need not state any.
     """
@@ -347,10 +347,21 @@ def uncertainty(tested: MethodUnderTest) -> str:
     apart = np.inf if again is None else float(np.max(np.abs(again - stated)))
     allowed = SAME_RUN * tested.sensor.data_range
     require(apart <= allowed, f"stated twice for a frame, it differs by up to {apart:.2g} S/m.")
-    other = tested.stated_in_other_units("uncertainty", tested.contact, GAIN)
-    other = other[..., tested.sensor.mask]
-    deviations_there = other.std(axis=1) if drawn else other
-    ratio = _rms(deviations_there.astype(np.float64)) / _rms(deviations.astype(np.float64))
+
+    def ratio_to(other: NDArray[np.float32]) -> float:
+        there = other[..., tested.sensor.mask]
+        there = there.std(axis=1) if drawn else there
+        return _rms(there.astype(np.float64)) / _rms(deviations.astype(np.float64))
+
+    # The contact is the first of the frames.
+    batch = tested.stated("uncertainty", tested.frames[[1, 0]])
+    ratio = np.nan if batch is None else ratio_to(batch[1:])
+    allowed = OTHER_DRAWS if drawn else SAME_FRAME
+    require(
+        abs(ratio - 1) <= allowed,
+        f"deviations of a frame behind another one are {ratio:.3g} times as large as alone.",
+    )
+    ratio = ratio_to(tested.stated_in_other_units("uncertainty", tested.contact, GAIN))
     require(
         abs(ratio - 1) <= OTHER_DRAWS,
         f"deviations of the same frame in other units ({GAIN:g} per V/A) are {ratio:.3g} times as "

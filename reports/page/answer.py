@@ -109,7 +109,11 @@ def _beside(board: BoardData, boards: Sequence[BoardData]) -> str:
     first = board["views"][0]["rows"][0]
     parts = []
     if (below := first.get("below_ceiling_db")) is not None:
-        parts.append(f"In mean squared error, these frames allow {max(below, 0):.1f} dB more.")
+        low, high = first["below_ceiling_db_low"], first["below_ceiling_db_high"]
+        parts.append(
+            f"In mean squared error, the frames with a ceiling allow {below:.1f} dB more "
+            f"(95 %: {low:.1f} to {high:.1f})."
+        )
     if board["ranked_by"] == "score":
         share = f"{score_weights()['psnr']:.0%}".replace("%", " %")
         parts.append(f"PSNR has {share} of the weight in S.")

@@ -1,16 +1,14 @@
 """How far methods are below the ceiling, and what its posterior says of the sensor.
 
-`python -m docs.studies.ceiling.measure RUN...` reads the record of the ceiling and runs of the
-suite `noise`, writes the distance of every method at every level to `below.csv`, commands and
-versions of the runs to `runs.json`, and draws `docs/ceiling.png`, `docs/ceiling-width.png` and
-`docs/ceiling-map.png`; without runs, the latter two alone. Samples that several runs have count
-once, as the first of the runs has them.
+`python -m docs.studies.ceiling.measure RUN...` reads the record of the ceiling and a run of the
+suite `noise` and runs of others, writes the distance of every method in every scenario to
+`below.csv`, commands and versions of the runs to `runs.json`, and draws `docs/ceiling.png`,
+`docs/ceiling-width.png` and `docs/ceiling-map.png`; without runs, the latter two alone.
 """
 
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -42,25 +40,22 @@ def write(paths: Sequence[Path]) -> None:
     if not paths:
         return
     runs = [read_run(path) for path in paths]
-    samples = pd.concat([run.samples for run in runs])
-    samples = samples.drop_duplicates(["scenario", "method", "sample"])
-    whole = replace(runs[0], samples=samples)
     names = ["scenario", "method"]
     rows = [
         {**{name: row[name] for name in names},
          "n": len(recorded_frames(row["scenario"], row["data_hash"])),
          **{end: row[f"below_ceiling_db{of}"]
             for end, of in (("below_db", ""), ("low", "_low"), ("high", "_high"))}}
-        for row in leaderboard_rows([whole])
+        for run in runs
+        for row in leaderboard_rows([run])
         if row["below_ceiling_db"] is not None
     ]  # fmt: skip
     table = pd.DataFrame(rows)
     table.to_csv(OUT / "below.csv", index=False, float_format="%.6g", lineterminator="\n")
     (OUT / "runs.json").write_text(json.dumps(about_runs(runs), indent=1) + "\n")
-    curves = noise_curves(whole)
-    assert curves is not None
-    with mpl.rc_context(STYLE):
-        save(draw(curves), DOCS / "ceiling", ("png",))
+    for curves in filter(None, map(noise_curves, runs)):
+        with mpl.rc_context(STYLE):
+            save(draw(curves), DOCS / "ceiling", ("png",))
 
 
 def widths(of: pd.DataFrame) -> Figure:

@@ -5,7 +5,14 @@ from typing import Annotated
 
 import typer
 
-from eitbench.commands.console import Json, finite, names_in, print_json, print_renderable
+from eitbench.commands.console import (
+    Json,
+    finite,
+    names_in,
+    print_json,
+    print_renderable,
+    warn,
+)
 
 app = typer.Typer()
 
@@ -39,8 +46,9 @@ def ceiling(
 
     Two samplers draw from the posterior of every frame, told the families, their ranges, the noise,
     the mesh and the electrodes. About a minute a frame, on one core; clean frames get 70 dB.
+    Scenarios that they cannot be told are left out unless --scenarios names them.
     """
-    from eitbench.benchmark.ceiling.drawing import draw_posteriors
+    from eitbench.benchmark.ceiling.drawing import draw_posteriors, known_of
     from eitbench.benchmark.ceiling.figures import summary, write_record
     from eitbench.commands.tables import names_table
     from eitbench.scenarios.errors import unknown_name
@@ -50,7 +58,13 @@ def ceiling(
     declared = {scenario.name: scenario for scenario in found.scenarios}
     if unknown := [name for name in chosen if name not in declared]:
         raise unknown_name("scenario", unknown[0], declared)
-    which = [declared[name] for name in chosen] or list(declared.values())
+    which = [declared[name] for name in chosen]
+    if not chosen:
+        which, refused = known_of(declared.values())
+        if refused and not which:
+            raise refused[0]
+        if refused:
+            warn(f"{len(refused)} of {len(declared)} scenarios are left out. {refused[0]}")
     draws = out / "draws"
     draw_posteriors(which, draws, samples, record=record, jobs=jobs, progress=not as_json)
     frames = write_record(draws, found.name, which, samples, out, record=record)

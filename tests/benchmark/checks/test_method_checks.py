@@ -46,6 +46,7 @@ BROKEN = {
     "contract-certain": {"uncertainty"},
     "contract-few": {"uncertainty"},
     "contract-wavering": {"uncertainty"},
+    "contract-neighbour": {"uncertainty"},
     "contract-keeps": {"memory"},
     "contract-network": {"no_network"},
     "contract-writes": {"no_writing"},

@@ -323,3 +323,13 @@ class Wavering(Sound):
     def uncertainty(self, voltages: Array) -> Array:
         self.asked += 1
         return 0 * self.reconstruct(voltages) + 0.1 * self.asked
+
+
+@register("contract-neighbour")
+class Neighbour(Sound):
+    """States of every frame what it states of the first one beside it."""
+
+    def uncertainty(self, voltages: Array) -> Array:
+        images = self.reconstruct(voltages)
+        away = np.abs(images - self.problem.background)
+        return 0 * away + away[0].max()
