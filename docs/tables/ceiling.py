@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 from docs.tables.record import STUDIES, printed
 
-from eitbench.benchmark.ceiling.figures import summary
+from eitbench.benchmark.ceiling.figures import TRACES, summary
 from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.scenarios.suites.suite import load_suite
 
@@ -71,6 +71,24 @@ def _families(level: float) -> str:
     return printed(["truth", *names], rows)
 
 
+def _by_family(suite: str) -> str:
+    """What the ceiling of each family is worth: too sure draws show by the third figure."""
+    rows = []
+    for family, of in frames(suite).groupby("family", sort=False):
+        own, expected = (-10 * np.log10(of[name].mean()) for name in ("mse", "expected_mse"))
+        off = np.abs(of[[f"rank_{name}" for name in TRACES]].to_numpy() - 0.5)
+        held = f"{(off <= 0.95 / 2).mean():.0%}"
+        rows.append([str(family), str(len(of)), f"{own:.2f}", f"{expected:.2f}", held])
+    heads = [
+        "family",
+        "frames",
+        "PSNR of the mean error [dB]",
+        "the posterior's own [dB]",
+        "in 95 %",
+    ]
+    return printed(heads, rows)
+
+
 def _offsets(same: str) -> str:
     """Patterns (i, i + k) by the ceiling, beside k = 3 on the same frames.
 
@@ -104,6 +122,7 @@ TABLES = {
     "below the ceiling": lambda: _below("noise"),
     "ceiling of shapes": lambda: _figures("shapes", _COLUMNS),
     "ceiling checks of shapes": lambda: _figures("shapes", _CHECKS),
+    "ceiling of shapes by family": lambda: _by_family("shapes"),
     "below the ceiling of shapes": lambda: _below("shapes"),
     "families at 50 dB": lambda: _families(50.0),
     "families at 30 dB": lambda: _families(30.0),

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.physics.registers import WIDE
 
 FORWARD = {
     "test_fem_batch": "eitbench `fem`, batch of 64",
@@ -42,7 +43,8 @@ def main(path: Path, record: Path | None = None) -> None:
     packages = ("numpy", "scipy", "numba", "torch", "pyeit")
     machine = (
         f"{cpu.get('brand_raw', 'unknown processor')}, {cpu.get('count', '?')} cores; "
-        f"one thread; Python {run['machine_info']['python_version']}, "
+        f"one thread, vector registers of {512 if WIDE else 256} bits; "
+        f"Python {run['machine_info']['python_version']}, "
         + ", ".join(f"{name} {_version(name)}" for name in packages)
     )
     # Per sample [ms], whatever the batch.
