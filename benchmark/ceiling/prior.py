@@ -61,18 +61,16 @@ class FamilyPrior:
         Raises:
             InputError: a family whose phantoms are not vectors of parameters.
         """
+        unknown = f"The ceiling is not known for family {family.name!r}: it needs "
+        if family.levels:
+            raise InputError(f"{unknown}conductivities or pressures that are drawn from a range.")
         found = []
         for shape in family.shapes:
             unlike = shape.name == "rectangle" and shape.sizes["width"] != shape.sizes["height"]
             ranges = [*shape.sizes.values(), family.pressure or family.conductivity]
-            why = ""
-            if family.levels:
-                why = "conductivities or pressures that are drawn from a range"
-            elif unlike or any(low >= high for low, high in ranges):
-                why = "ranges that have a width, the same for both sides of a rectangle"
-            if why:
+            if unlike or any(low >= high for low, high in ranges):
                 raise InputError(
-                    f"The ceiling is not known for family {family.name!r}: it needs {why}."
+                    f"{unknown}ranges that have a width, the same for both sides of a rectangle."
                 )
             alone = Parameters(replace(family, shapes=(shape,)), sensor, slack=ROUND)
             found.append(cls(alone, 1 / len(family.shapes)))

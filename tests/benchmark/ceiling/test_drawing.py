@@ -12,7 +12,7 @@ from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.ceiling import drawing, record
-from eitbench.benchmark.ceiling.drawing import draw_posteriors, told
+from eitbench.benchmark.ceiling.drawing import draw_posteriors, known_of, told
 from eitbench.benchmark.ceiling.figures import summary, write_record
 from eitbench.benchmark.findings.uncertainty import read_uncertainty
 from eitbench.benchmark.run.runner import make_plan, start_run
@@ -73,6 +73,31 @@ def test_frames_of_the_record_are_not_drawn_again(tmp_path: Path) -> None:
     kept = write_record(tmp_path / "draws", "noise", [level], 2, tmp_path, record=True)
     known = record.recorded_frames("noise-30db", level.data_hash("test"))
     assert_frame_equal(kept.set_index(kept["sample"].to_numpy()), known.iloc[:2])
+    about = json.loads((tmp_path / "noise.json").read_text())
+    assert "--samples 2 --record " in about["command"]
+    shipped = json.loads((record.RECORDS / "noise.json").read_text())
+    assert [made["command"] for made in about["earlier"]] == [
+        *(made["command"] for made in shipped["earlier"]),
+        shipped["command"],
+    ]
+
+
+@pytest.mark.parametrize("suite", ["noise", "shapes"])
+def test_the_error_of_the_mean_image_is_that_of_both_samplers(suite: str) -> None:
+    """((a + b) / 2)^2 of their errors a and b, of which the record has squares and product."""
+    frames = pd.read_csv(record.RECORDS / f"{suite}.csv")
+    for row in summary(frames).to_dict("records"):
+        of = frames[frames["scenario"] == row["scenario"]]
+        error = (2 * of["mse"] + of["mse_walk"] + of["mse_differences"]) / 4
+        assert row["image_psnr"] == pytest.approx(-10 * np.log10(error.mean()), abs=1e-4)
+
+
+def test_what_cannot_be_told_is_sorted_out() -> None:
+    slab = FAST.model_dump(mode="json") | {"name": "slab", "imperfections": {"mesh": "slab"}}
+    other = SimulatedScenario.model_validate(slab | {"image_shape": None})
+    known, (why,) = known_of([FAST, other])
+    assert known == [FAST]
+    assert "'slab' has a slab" in str(why)
 
 
 def test_the_record_is_by_the_sampler_as_it_is() -> None:

@@ -90,9 +90,10 @@ def test_what_images_share_is_solved_once_with_the_same_bits(
     sigma = images(model, 19)
     height, width = model.sensor.image_shape
     y, x = np.mgrid[:height, :width]
-    # A corner, as large as the share says, of which half a row differs alone.
-    corner = np.maximum(y / height, x / width) >= np.sqrt(share)
-    sigma[:, corner] = sigma[0, corner]
+    # They differ in a corner, as large as the share says.
+    alike = np.maximum(y / height, x / width) >= np.sqrt(share)
+    sigma[:, alike] = sigma[0, alike]
+    # What is alike in all but the first images is not shared.
     sigma[5:, height // 2, : width // 2] = sigma[5, height // 2, : width // 2]
     weights = np.random.default_rng(4).standard_normal((19, model.sensor.n_measurements))
     every = solved(model, sigma, weights)
