@@ -17,9 +17,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from eitbench.benchmark.ceiling.models import PhantomModels
+from eitbench.benchmark.ceiling.moves import PROPOSALS, Proposals
 from eitbench.benchmark.ceiling.prior import FamilyPrior
 from eitbench.benchmark.ceiling.record import recorded_frames
-from eitbench.benchmark.ceiling.sampler import PROPOSALS, Draws, Proposals, Sampler, library
+from eitbench.benchmark.ceiling.sampler import LIBRARY, PARTICLES, Draws, Sampler, library
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import with_bar
 from eitbench.scenarios.errors import DataCorruptError, InputError
@@ -30,13 +31,11 @@ from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 from eitbench.scenarios.suites.scenario import TOUCHES, Scenario, SimulatedScenario
 
-VERSION = 1
+VERSION = 2
 """Raised by one whenever a frame gives other draws than before."""
 CLEAN_DB, MOST_DB = 70.0, 80.0
 """SNR of the frames that stand for those without noise, whose posterior has no width, and the
 greatest one."""
-PARTICLES, LIBRARY = 400, 1000
-"""Particles of a sampler, and draws of the prior, of each family, that they begin from."""
 SEEDS = 'generator("ceiling", scenario, sample, proposals)'
 """Where the random numbers of a sampler come from, see `scenarios.seeds`."""
 
@@ -213,8 +212,7 @@ def _draw(scenario: SimulatedScenario, frames: list[_Frame], session: int) -> No
         samplers = {
             name: Sampler(
                 models,
-                library(models, LIBRARY, generator("ceiling", "library", session, name)),
-                PARTICLES,
+                library(models, generator("ceiling", "library", session, name)),
                 name,
             )
             for name in PROPOSALS

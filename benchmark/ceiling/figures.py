@@ -18,18 +18,11 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from eitbench.benchmark.ceiling.drawing import (
-    LIBRARY,
-    PARTICLES,
-    SEEDS,
-    VERSION,
-    draws_of,
-    priors_of,
-    told,
-)
+from eitbench.benchmark.ceiling.drawing import SEEDS, VERSION, draws_of, priors_of, told
 from eitbench.benchmark.ceiling.models import images
+from eitbench.benchmark.ceiling.moves import PROPOSALS, Proposals
 from eitbench.benchmark.ceiling.record import recorded_frames, recorded_runs
-from eitbench.benchmark.ceiling.sampler import CORRECTED, PROPOSALS, Draws, Proposals
+from eitbench.benchmark.ceiling.sampler import CORRECTED, LIBRARY, PARTICLES, Draws
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.metrics.statistics import bootstrap, means
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY, kept_of_draws, sample_figures

@@ -103,11 +103,16 @@ class FamilyPrior:
         period = PERIODS.get(self._shape, 2 * math.pi)
         return np.where(turns, vectors % period, vectors)
 
-    def unwrapped(self, vectors: Array) -> Array:
-        """Vectors (n, P) with angles within half of a period of their mean direction."""
+    def mean_turn(self, vectors: Array) -> Array:
+        """Mean direction (P,) of the angles of vectors (n, P), within the shape's period."""
+        period = PERIODS.get(self._shape, 2 * math.pi)
+        turns = np.exp(2j * np.pi / period * vectors).mean(axis=0)
+        return np.asarray(np.angle(turns) * period / (2 * np.pi))
+
+    def unwrapped(self, vectors: Array, mean: Array) -> Array:
+        """Vectors (n, P) with angles within half of a period of their `mean` direction (P,)."""
         turns = ~np.isfinite(self.parameters.high)
         period = PERIODS.get(self._shape, 2 * math.pi)
-        mean = np.angle(np.exp(2j * np.pi / period * vectors).mean(axis=0)) * period / (2 * np.pi)
         around = (vectors - mean + period / 2) % period + mean - period / 2
         return np.where(turns, around, vectors)
 

@@ -8,10 +8,10 @@ to the posterior, given a frame, through
 with L_b the power b of the likelihood by the stand-in of the exact model (`models`), whose errors
 keep their size (annealed sequential Monte Carlo: Del Moral, Doucet and Jasra 2006, 3.3). A step
 raises b by as much as leaves the share `ENOUGH` of the particles of every likely family effective,
-draws them anew by their weights, and moves each `MOVES` times within its family by Metropolis
-steps. As particles close in, the stand-in is fitted anew to exact solutions of some of them; what
-that changes is part of the weights. All families that are not given up have the same number of
-particles; the products of their mean weights are their evidence, which says how likely they are.
+draws them anew by their weights, and moves each within its family (`moves`). As particles close in,
+the stand-in is fitted anew to exact solutions of some of them; what that changes is part of the
+weights. A family has `PARTICLES` for each of its parameters until it is given up; the products of
+their mean weights are its evidence, which says how likely it is.
 
 In the end, `CHECKED` of the particles are solved exactly. Where their weights, the exact likelihood
 over that of the stand-in, leave enough of them, they are the draws; where they do not, for the
@@ -19,39 +19,35 @@ frame tells which pixels of the data's mesh lie in a shape, the draws are of the
 takes this for noise. Weights cannot tell of a family or a mode that was lost on the way: only the
 other sampler can.
 
-Two kinds of proposals make two samplers: `walk` takes normal steps with the covariance of a
-family's particles, `differences` steps along the difference of two of them (ter Braak 2006).
+Two kinds of proposals make two samplers, see `moves`.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy import linalg, optimize, special
+from scipy import optimize, special
 
 from eitbench.benchmark.ceiling.frames import Frame
 from eitbench.benchmark.ceiling.models import PhantomModels, StandIn
+from eitbench.benchmark.ceiling.moves import Moves, Proposals
 from eitbench.benchmark.ceiling.prior import FamilyPrior
 from eitbench.methods.shapes.posterior import ACCEPTED, ENOUGH, resampled
 from eitbench.scenarios.arrays import Array, Index, Mask
 
-Proposals = Literal["walk", "differences"]
-PROPOSALS: tuple[Proposals, ...] = ("walk", "differences")
-
-BEGIN = 2.0
-"""Effective draws of a likely family, for every particle, that the first step leaves."""
-MOVES = 6
-"""Of every particle in a step."""
-FEWEST = 150
-"""Particles of a family."""
-LIKELY, UNLIKELY = 1e-3, 1e-9
+PARTICLES, LIBRARY = 50, 5
+"""Particles of a family, for each of its parameters, and draws of the prior, for each particle,
+that they begin from."""
+CHAINS = (4, 24)
+"""Steps of the chains, by the emulator, at whose ends the moves of a particle in a step aim."""
+LIKELY, UNLIKELY = 1e-3, 1e-6
 """Probability of a family from which on steps wait for it, and below which it is given up."""
 CLOSER = 6.0
 """Rise of b after which the stand-in is fitted anew."""
-SOLVED, SOLVED_LAST = 32, 80
+SOLVED, SOLVED_LAST = 32, 50
 """Exact solutions that it is fitted to on the way, and at b = 1."""
 KEPT, FALL, FALLS = 0.3, 0.7, 12
 """Effective share that a fit leaves, or b falls by this factor, so often at most."""
@@ -61,10 +57,6 @@ CHECKED = 200
 """Particles that are solved exactly in the end."""
 CORRECTED = 0.3
 """Effective share of their weights from which on these particles are the draws."""
-LONGEST = 2.4
-"""Length of steps, in standard deviations of a family over the root of the number of parameters."""
-BESIDE = 0.1
-"""Part of a normal step that is added to one along a difference."""
 LEAST = 1e-12
 """Of b, in the search for the first one."""
 
@@ -75,13 +67,11 @@ class Particles(NamedTuple):
     Attributes:
         families: (n,) numbers of their families.
         vectors: (n, P) parameters, filled up with zeros.
-        log_prior: (n,) logarithm of p, over the coordinates that moves are made in.
         quick: (n, K) predictions of the quick model [V/A].
     """
 
     families: Index
     vectors: Array
-    log_prior: Array
     quick: Array
 
     def take(self, chosen: Index) -> Particles:
@@ -112,14 +102,18 @@ class Draws(NamedTuple):
     effective: float
 
 
-def library(models: PhantomModels, each: int, rng: np.random.Generator) -> Particles:
-    """Draws of the prior, `each` of every family."""
-    drawn = [prior.draw(each, rng) for prior in models.priors]
+def library(models: PhantomModels, rng: np.random.Generator) -> Particles:
+    """Draws of the prior, `LIBRARY` of every family for each of its particles."""
+    drawn = [prior.draw(LIBRARY * _particles(prior), rng) for prior in models.priors]
     longest = max(vectors.shape[1] for vectors in drawn)
-    families = np.repeat(np.arange(len(drawn)), each)
+    families = np.repeat(np.arange(len(drawn)), [len(vectors) for vectors in drawn])
     vectors = np.concatenate([np.pad(v, ((0, 0), (0, longest - v.shape[1]))) for v in drawn])
-    log_prior = np.concatenate([_log_prior(*of) for of in zip(models.priors, drawn, strict=True)])
-    return Particles(families, vectors, log_prior, models.quick(families, vectors))
+    return Particles(families, vectors, models.quick(families, vectors))
+
+
+def _particles(prior: FamilyPrior) -> int:
+    """Particles of a family."""
+    return PARTICLES * len(prior.parameters.low)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,13 +123,11 @@ class Sampler:
     Attributes:
         models: of the unit that frames come from.
         library: draws of the prior.
-        count: particles.
-        proposals: see the module.
+        proposals: see `moves`.
     """
 
     models: PhantomModels
     library: Particles
-    count: int
     proposals: Proposals
 
     def draws(self, frame: Frame, rng: np.random.Generator) -> Draws:
@@ -150,11 +142,11 @@ class _Annealing:
 
     def __init__(self, sampler: Sampler, frame: Frame, rng: np.random.Generator) -> None:
         self._models, self._proposals = sampler.models, sampler.proposals
-        self._count, self._particles = sampler.count, sampler.library
-        self._frame, self._rng = frame, rng
+        self._particles, self._frame, self._rng = sampler.library, frame, rng
         self._use(self._models.untouched())
         self._log_likely = np.log([prior.share for prior in self._models.priors])
         self._sharpness, self._stride = 0.0, 1.0
+        self._solved: list[tuple[Array, Array]] = []
 
     def _use(self, stand_in: StandIn) -> None:
         self._stand_in, self._errors = stand_in, stand_in.errors_in(self._frame)
@@ -172,7 +164,7 @@ class _Annealing:
 
     def run(self) -> None:
         """Take the particles to p L_1."""
-        self._sharpen(BEGIN * self._count / len(self._particles.families))
+        self._sharpen(1 / LIBRARY)
         fitted_at, fits, share = self._sharpness, 0, 0.0
         while fits < FITS and (self._sharpness < 1 or share < SETTLED):
             self._move()
@@ -206,14 +198,18 @@ class _Annealing:
     def _fit(self, count: int) -> float:
         """Fit the stand-in anew, to exact solutions of so many particles.
 
-        Where particles were led astray, b falls until enough of every likely family are effective.
+        At b = 1, those of earlier fits count, too. Where particles were led astray, b falls until
+        enough of every likely family are effective.
         Returns the least share of a likely family that would be effective at the same b.
         """
         some = self._rng.choice(len(self._particles.families), count, replace=False)
         chosen = self._particles.take(some)
         exact = self._models.exact(chosen.families, chosen.vectors)
         before = self._log_likelihood(self._particles)
-        self._use(StandIn.fitted(chosen.quick, exact))
+        pairs = [(chosen.quick, exact)]
+        if self._sharpness == 1:
+            pairs = self._solved = [*self._solved, *pairs]
+        self._use(StandIn.fitted(*map(np.concatenate, zip(*pairs, strict=True))))
         of = self._of(LIKELY).values()
         powers = self._sharpness * FALL ** np.arange(FALLS)
         changes = [self._log_likelihood(self._particles, b) - before for b in powers]
@@ -224,7 +220,7 @@ class _Annealing:
         return shares[0]
 
     def _draw_anew(self, log_weights: Array) -> None:
-        """Draw particles by their weights, of each family as many as of the others.
+        """Draw particles by their weights, of each family as many as it is to have.
 
         The mean weights are what the families become more or less likely by.
         """
@@ -234,11 +230,12 @@ class _Annealing:
             self._log_likely[family] += float(mean)
         self._log_likely -= special.logsumexp(self._log_likely)
         left = {family: some for family, some in of.items() if family in self._of(UNLIKELY)}
-        each = max(self._count // len(left), FEWEST)
         self._log_likely[[k not in left for k in range(len(self._log_likely))]] = -np.inf
         chosen = [
-            some[resampled(special.softmax(log_weights[some]), each, self._rng)]
-            for some in left.values()
+            some[resampled(special.softmax(log_weights[some]), _particles(prior), self._rng)]
+            for prior, some in (
+                (self._models.priors[family], some) for family, some in left.items()
+            )
         ]
         self._particles = self._particles.take(np.concatenate(chosen))
 
@@ -261,91 +258,53 @@ class _Annealing:
         return Draws(particles.families, particles.vectors, even, share)
 
     def _move(self) -> None:
-        """`MOVES` Metropolis steps of every particle."""
-        steps = [
-            _Steps.about(self._models.priors[family], of, self._particles.vectors[of])
-            for family, of in self._of(UNLIKELY).items()
-        ]
-        for _ in range(MOVES):
+        """Metropolis steps of every particle, one for each of `CHAINS`.
+
+        A step goes to the end of a chain of steps by the emulator alone. This chain is reversible
+        with respect to the prior times the emulator's likelihood, so that its end is accepted by
+        what the likelihood rises more than the emulator's does (surrogate transition: Liu, Monte
+        Carlo Strategies in Scientific Computing, 2001, 9.4.3).
+        """
+        predictions = self._stand_in(self._particles.quick)
+        families = []
+        for family, of in self._of(UNLIKELY).items():
+            prior = self._models.priors[family]
+            vectors = self._particles.vectors[of, : len(prior.parameters.low)]
+            families.append((of, Moves.about(prior, vectors, predictions[of])))
+        for length in CHAINS:
             now = self._particles
-            other, accepted = self._proposed(steps)
-            gain = other.log_prior - now.log_prior
-            gain += self._log_likelihood(other) - self._log_likelihood(now)
-            accepted &= np.log(self._rng.random(len(accepted))) < gain
-            for step in steps:
-                of = step.of[accepted[step.of]]
-                accepted[of] = step.prior.fitting(other.vectors[of])
+            other, risen = self._ahead(families, length)
+            gain = self._log_likelihood(other) - self._log_likelihood(now) - risen
+            accepted = np.log(self._rng.random(len(gain))) < gain
             self._particles = now.where(accepted, other)
-            self._stride = min(self._stride * math.exp(accepted.mean() - ACCEPTED), 1.0)
 
-    def _proposed(self, steps: list[_Steps]) -> tuple[Particles, Mask]:
-        """Where particles may go to, and which of them stand for a phantom there."""
+    def _ahead(self, families: list[tuple[Index, Moves]], length: int) -> tuple[Particles, Array]:
+        """Where chains of so many steps lead, and by how much the emulator's log L_b rises there.
+
+        Args:
+            families: numbers of the particles of each family, and their moves.
+            length: of the chains.
+        """
+
+        def log_likelihood(predictions: Array) -> Array:
+            return self._frame.log_likelihood(predictions, self._sharpness, self._errors)
+
         other = Particles._make(values.copy() for values in self._particles)
-        standing = np.zeros(len(other.families), dtype=bool)
-        for step in steps:
-            lengths = self._stride ** self._rng.random((len(step.of), 1))
-            ahead = step.taken(other.vectors[step.of], lengths, self._proposals, self._rng)
-            stands = step.prior.standing(ahead)
-            of = step.of[stands]
-            standing[of] = True
-            other.vectors[of, : ahead.shape[1]] = ahead[stands]
-            other.log_prior[of] = _log_prior(step.prior, ahead[stands])
-        families = other.families[standing]
-        other.quick[standing] = self._models.quick(families, other.vectors[standing])
-        return other, standing
-
-
-@dataclass(frozen=True, eq=False)
-class _Steps:
-    """Steps of the particles of one family.
-
-    Attributes:
-        prior: of the family.
-        of: (n,) numbers of its particles.
-        straight: (n, P) their coordinates before they move.
-        root: (P, P) of the covariance of these.
-    """
-
-    prior: FamilyPrior
-    of: Index
-    straight: Array
-    root: Array
-
-    @classmethod
-    def about(cls, prior: FamilyPrior, of: Index, vectors: Array) -> _Steps:
-        """The steps of particles of these numbers and vectors, filled up."""
-        parameters = prior.parameters
-        straight, _ = parameters.straightened(prior.unwrapped(vectors[:, : len(parameters.low)]))
-        count, width = straight.shape
-        away = straight - straight.mean(axis=0)
-        deviations = away.std(axis=0) + 1e-12
-        away /= deviations
-        # The fewer particles there are, the less their correlation is believed.
-        believed = count / (count + width)
-        correlation = believed * away.T @ away / count + (1 - believed + 1e-9) * np.eye(width)
-        root = deviations[:, None] * linalg.cholesky(correlation, lower=True)
-        return cls(prior, of, straight, root)
-
-    def taken(
-        self, vectors: Array, lengths: Array, proposals: Proposals, rng: np.random.Generator
-    ) -> Array:
-        """Vectors (n, P) that are proposed from those (n, ...) of now."""
-        parameters = self.prior.parameters
-        here, _ = parameters.straightened(vectors[:, : len(parameters.low)])
-        count, width = here.shape
-        normal = rng.standard_normal(here.shape) @ self.root.T
-        if proposals == "walk":
-            step = LONGEST / math.sqrt(width) * normal
-        else:
-            one, other = rng.integers(count, size=(2, count))
-            along = (self.straight[one] - self.straight[other]) / math.sqrt(2)
-            step = LONGEST / math.sqrt(width) * (along + BESIDE * normal)
-        return self.prior.wrapped(parameters.bent(here + lengths * step))
-
-
-def _log_prior(prior: FamilyPrior, vectors: Array) -> Array:
-    """Logarithm (n,) of the prior's density over coordinates, at vectors (n, P)."""
-    return np.asarray(prior.log_density(vectors) + prior.parameters.straightened(vectors)[1])
+        risen, taken = np.zeros(len(other.families)), []
+        for of, moves in families:
+            width = len(moves.turn)
+            state = begin = moves.state(other.vectors[of, :width], log_likelihood)
+            for _ in range(length):
+                state, share = moves.moved(
+                    state, self._stride, log_likelihood, self._proposals, self._rng
+                )
+                taken.append(share)
+            other.vectors[of, :width] = state.vectors
+            risen[of] = state.log_likelihood - begin.log_likelihood
+        moved = (other.vectors != self._particles.vectors).any(axis=1)
+        other.quick[moved] = self._models.quick(other.families[moved], other.vectors[moved])
+        self._stride = min(self._stride * math.exp(float(np.mean(taken)) - ACCEPTED), 1.0)
+        return other, risen
 
 
 def effective(log_weights: Array) -> float:

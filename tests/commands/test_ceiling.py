@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from eitbench.benchmark.ceiling import drawing
+from eitbench.benchmark.ceiling import sampler
 from eitbench.cli import app
 from eitbench.scenarios.errors import InputError
 
@@ -32,8 +32,7 @@ def test_ceiling_prints_and_writes_the_same_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Four samples are a session and a part of one."""
-    monkeypatch.setattr(drawing, "PARTICLES", 100)
-    monkeypatch.setattr(drawing, "LIBRARY", 400)
+    monkeypatch.setattr(sampler, "PARTICLES", 20)
     suite, out = tmp_path / "few.toml", tmp_path / "out"
     suite.write_text(SUITE)
     arguments = ["ceiling", str(suite), "--samples", "10", "--out", str(out)]

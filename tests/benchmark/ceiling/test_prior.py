@@ -77,7 +77,7 @@ def test_angles_are_unwrapped_about_their_mean() -> None:
     (prior,) = FamilyPrior.of(FAMILIES["rectangle"], SENSOR)
     vectors = np.tile([0.5, 0.5, 0.0, 0.3, 0.2, 0.5], (4, 1))
     vectors[:, 2] = [0.1, math.pi - 0.1, 0.2, math.pi - 0.2]
-    unwrapped = prior.unwrapped(vectors)
+    unwrapped = prior.unwrapped(vectors, prior.mean_turn(vectors))
     assert np.ptp(unwrapped[:, 2]) == pytest.approx(0.4)
     np.testing.assert_allclose(prior.wrapped(unwrapped), vectors)
 

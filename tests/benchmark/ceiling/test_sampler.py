@@ -9,16 +9,10 @@ from tests.support.small_sensors import foam
 
 from eitbench.benchmark.ceiling.figures import traces
 from eitbench.benchmark.ceiling.models import PhantomModels, images
+from eitbench.benchmark.ceiling.moves import PROPOSALS, Proposals
 from eitbench.benchmark.ceiling.prior import FamilyPrior
-from eitbench.benchmark.ceiling.sampler import (
-    PROPOSALS,
-    Particles,
-    Proposals,
-    Sampler,
-    effective,
-    library,
-)
-from eitbench.scenarios.arrays import Array
+from eitbench.benchmark.ceiling.sampler import Particles, Sampler, effective, library
+from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.imperfections.noise import add_noise
 from eitbench.scenarios.phantoms.families import FAMILIES
 from eitbench.scenarios.phantoms.phantom import draw, rasterise
@@ -29,16 +23,23 @@ NAMES = ("circle", "triangle")
 SOFT = ("circle", "soft-press")
 """The second family has two shapes, each drawn half of the time."""
 SNR_DB = 18.0
+MANY = 6000
+"""Draws of each shape for brute force."""
 
 
 @cache
-def made(names: tuple[str, ...] = NAMES) -> tuple[PhantomModels, Particles, Particles, Array]:
+def made(
+    names: tuple[str, ...] = NAMES,
+) -> tuple[PhantomModels, Particles, tuple[Index, Array], Array]:
     """Models, draws for the sampler, others for brute force, and their exact predictions."""
     priors = tuple(prior for name in names for prior in FamilyPrior.of(FAMILIES[name], SENSOR))
     models = PhantomModels(priors, ForwardModel(SENSOR))
-    begin = library(models, 1000, np.random.default_rng(0))
-    many = library(models, 6000, np.random.default_rng(1))
-    return models, begin, many, models.exact(many.families, many.vectors)
+    begin, rng = library(models, np.random.default_rng(0)), np.random.default_rng(1)
+    drawn = [prior.draw(MANY, rng) for prior in priors]
+    longest = max(vectors.shape[1] for vectors in drawn)
+    families = np.repeat(np.arange(len(priors)), MANY)
+    vectors = np.concatenate([np.pad(v, ((0, 0), (0, longest - v.shape[1]))) for v in drawn])
+    return models, begin, (families, vectors), models.exact(families, vectors)
 
 
 @pytest.mark.slow
@@ -56,26 +57,26 @@ def test_mean_width_and_families_are_those_of_brute_force(
     names: tuple[str, ...], name: str, snr_db: float, proposals: Proposals
 ) -> None:
     """Against 6,000 draws of the generator of each shape, weighed by the exact likelihood."""
-    models, begin, many, exact = made(names)
+    models, begin, (of, vectors), exact = made(names)
     rng = np.random.default_rng(7)
     truth = rasterise(draw(FAMILIES[name], SENSOR, rng), SENSOR)
     frame = models.frame(add_noise(ForwardModel(SENSOR).voltages(truth), snr_db, rng), snr_db)
     shares = np.array([prior.share for prior in models.priors])
-    log_weights = frame.log_likelihood(exact) + np.log(shares)[many.families]
+    log_weights = frame.log_likelihood(exact) + np.log(shares)[of]
     assert effective(log_weights) > 150
     weights = special.softmax(log_weights)
     families = [prior.parameters for prior in models.priors]
-    painted = images(families, many.families, many.vectors)
+    painted = images(families, of, vectors)
     expected = np.tensordot(weights, painted, axes=1)
     variance = np.tensordot(weights, (painted - expected) ** 2, axes=1).mean()
-    drawn = Sampler(models, begin, 400, proposals).draws(frame, np.random.default_rng(2))
+    drawn = Sampler(models, begin, proposals).draws(frame, np.random.default_rng(2))
     own = images(families, drawn.families, drawn.vectors)
     mean = np.tensordot(drawn.weights, own, axes=1)
     assert np.mean((mean - expected) ** 2) < 0.05 * variance
     spread = np.tensordot(drawn.weights, (own - mean) ** 2, axes=1).mean()
     assert spread == pytest.approx(variance, rel=0.2)
     likely = np.bincount(drawn.families, drawn.weights, minlength=len(families))
-    expected = np.bincount(many.families, weights, minlength=len(families))
+    expected = np.bincount(of, weights, minlength=len(families))
     np.testing.assert_allclose(likely, expected, atol=0.12)
     assert drawn.effective > 0.5
 
@@ -86,7 +87,7 @@ def test_draws_stand_for_phantoms_that_fit() -> None:
     rng = np.random.default_rng(3)
     truth = rasterise(draw(FAMILIES["circle"], SENSOR, rng), SENSOR)
     frame = models.frame(add_noise(ForwardModel(SENSOR).voltages(truth), SNR_DB, rng), SNR_DB)
-    drawn = Sampler(models, begin, 200, "walk").draws(frame, rng)
+    drawn = Sampler(models, begin, "walk").draws(frame, rng)
     assert drawn.weights.sum() == pytest.approx(1)
     for family, vector in zip(drawn.families, drawn.vectors, strict=True):
         prior = models.priors[family]
@@ -99,7 +100,7 @@ def test_the_same_generator_gives_the_same_draws() -> None:
     models, begin, *_ = made()
     frame = models.frame(ForwardModel(SENSOR).voltages(np.full((32, 32), 0.9)), SNR_DB)
     found = [
-        Sampler(models, begin, 200, "differences").draws(frame, np.random.default_rng(4))
+        Sampler(models, begin, "differences").draws(frame, np.random.default_rng(4))
         for _ in range(2)
     ]
     np.testing.assert_array_equal(found[0].vectors, found[1].vectors)
@@ -117,7 +118,7 @@ def test_true_phantoms_have_uniform_ranks_among_draws(proposals: Proposals) -> N
         rng = np.random.default_rng([8, k])
         truth = rasterise(draw(FAMILIES[NAMES[k % 2]], SENSOR, rng), SENSOR)
         frame = models.frame(add_noise(exact.voltages(truth), 25.0, rng), 25.0)
-        drawn = Sampler(models, begin, 300, proposals).draws(frame, rng)
+        drawn = Sampler(models, begin, proposals).draws(frame, rng)
         found = traces(images(families, drawn.families, drawn.vectors), SENSOR)
         (true,) = traces(truth[None], SENSOR)
         ties = rng.random(len(true)) * (drawn.weights @ (found == true))

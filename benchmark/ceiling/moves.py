@@ -1,0 +1,170 @@
+"""Moves of particles within their family, by an emulator that takes no solution.
+
+Predictions are nearly a quadratic of the coordinates where particles are close to each other. So a
+chain of Metropolis steps asks this `Emulator` alone; where the chain ends is then accepted or not
+by the model (`sampler`).
+
+Two kinds of proposals make two samplers: `walk` takes normal steps with the covariance of a
+family's particles, `differences` steps along the difference of two of them (ter Braak, Statistics
+and Computing 16, 2006).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy import linalg
+
+from eitbench.benchmark.ceiling.prior import FamilyPrior
+from eitbench.scenarios.arrays import Array, Index
+
+Proposals = Literal["walk", "differences"]
+PROPOSALS: tuple[Proposals, ...] = ("walk", "differences")
+
+LONGEST = 2.4
+"""Length of steps, in standard deviations of a family over the root of the number of parameters."""
+BESIDE = 0.1
+"""Part of a normal step that is added to one along a difference."""
+RIDGE = 1e-3
+"""Added to the squares of each term of an emulator: particles may be alike."""
+
+
+@dataclass(frozen=True, eq=False)
+class Emulator:
+    """Predictions as a quadratic of coordinates.
+
+    Attributes:
+        centre: (P,) mean of the coordinates that it was fitted to.
+        scale: (P,) their standard deviations.
+        coefficients: (T, K) of the terms.
+    """
+
+    centre: Array
+    scale: Array
+    coefficients: Array
+
+    @classmethod
+    def fitted(cls, coordinates: Array, predictions: Array) -> Emulator:
+        """The one that is nearest to predictions (n, K) at coordinates (n, P)."""
+        centre, scale = coordinates.mean(axis=0), coordinates.std(axis=0) + 1e-12
+        terms = _terms((coordinates - centre) / scale)
+        squares = terms.T @ terms + RIDGE * np.eye(terms.shape[1])
+        return cls(centre, scale, linalg.solve(squares, terms.T @ predictions, assume_a="pos"))
+
+    def __call__(self, coordinates: Array) -> Array:
+        """Predictions (n, K) at coordinates (n, P)."""
+        return np.asarray(_terms((coordinates - self.centre) / self.scale) @ self.coefficients)
+
+
+def _terms(away: Array) -> Array:
+    """One, the coordinates (n, P), and the products of two of them: (n, T)."""
+    one, other = np.triu_indices(away.shape[1])
+    products = away[:, one] * away[:, other]
+    return np.concatenate([np.ones((len(away), 1)), away, products], axis=1)
+
+
+class State(NamedTuple):
+    """Where particles of a family are.
+
+    Attributes:
+        vectors: (n, P) parameters.
+        coordinates: (n, P).
+        log_prior: (n,) logarithm of the prior's density over coordinates.
+        log_likelihood: (n,) of the emulator's predictions.
+    """
+
+    vectors: Array
+    coordinates: Array
+    log_prior: Array
+    log_likelihood: Array
+
+    def where(self, chosen: Index, other: State) -> State:
+        """These states, but for the `chosen`, which `other` has."""
+        found = State._make(values.copy() for values in self)
+        for values, new in zip(found, other, strict=True):
+            values[chosen] = new
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Moves:
+    """Metropolis steps by an emulator, about the particles that it was fitted to.
+
+    Attributes:
+        prior: of the family.
+        turn: (P,) mean direction of the particles' angles.
+        coordinates: (n, P) of the particles.
+        root: (P, P) of the covariance of these.
+        emulator: of the predictions.
+    """
+
+    prior: FamilyPrior
+    turn: Array
+    coordinates: Array
+    root: Array
+    emulator: Emulator
+
+    @classmethod
+    def about(cls, prior: FamilyPrior, vectors: Array, predictions: Array) -> Moves:
+        """The moves about particles with vectors (n, P) and predictions (n, K)."""
+        turn = prior.mean_turn(vectors)
+        coordinates, _ = prior.parameters.straightened(prior.unwrapped(vectors, turn))
+        count, width = coordinates.shape
+        away = coordinates - coordinates.mean(axis=0)
+        deviations = away.std(axis=0) + 1e-12
+        away /= deviations
+        # The fewer particles there are, the less their correlation is believed.
+        believed = count / (count + width)
+        correlation = believed * away.T @ away / count + (1 - believed + 1e-9) * np.eye(width)
+        root = deviations[:, None] * linalg.cholesky(correlation, lower=True)
+        return cls(prior, turn, coordinates, root, Emulator.fitted(coordinates, predictions))
+
+    def state(self, vectors: Array, log_likelihood: Callable[[Array], Array]) -> State:
+        """The state of particles with vectors (n, P); `log_likelihood` is of predictions."""
+        unwrapped = self.prior.unwrapped(vectors, self.turn)
+        coordinates, volume = self.prior.parameters.straightened(unwrapped)
+        log_prior = self.prior.log_density(vectors) + volume
+        return State(vectors, coordinates, log_prior, log_likelihood(self.emulator(coordinates)))
+
+    def moved(
+        self,
+        now: State,
+        stride: float,
+        log_likelihood: Callable[[Array], Array],
+        proposals: Proposals,
+        rng: np.random.Generator,
+    ) -> tuple[State, float]:
+        """The state after one step of all particles, and the share of them that took it.
+
+        Args:
+            now: the state before.
+            stride: least length of a step, over the longest.
+            log_likelihood: of predictions (n, K).
+            proposals: see the module.
+            rng: random numbers.
+        """
+        parameters, count = self.prior.parameters, len(now.vectors)
+        step = stride ** rng.random((count, 1)) * self._steps(count, proposals, rng)
+        vectors = self.prior.wrapped(parameters.bent(now.coordinates + step))
+        tried = np.flatnonzero(self.prior.standing(vectors))
+        ahead = self.state(vectors[tried], log_likelihood)
+        gain = ahead.log_prior - now.log_prior[tried]
+        gain += ahead.log_likelihood - now.log_likelihood[tried]
+        taken = np.log(rng.random(len(tried))) < gain
+        taken[taken] = self.prior.fitting(ahead.vectors[taken])
+        after = now.where(tried[taken], State._make(values[taken] for values in ahead))
+        return after, float(taken.sum() / count)
+
+    def _steps(self, count: int, proposals: Proposals, rng: np.random.Generator) -> Array:
+        """Steps (count, P) of the longest length."""
+        width = len(self.turn)
+        steps = rng.standard_normal((count, width)) @ self.root.T
+        if proposals == "differences":
+            one, other = rng.integers(len(self.coordinates), size=(2, count))
+            along = (self.coordinates[one] - self.coordinates[other]) / math.sqrt(2)
+            steps = along + BESIDE * steps
+        return np.asarray(LONGEST / math.sqrt(width) * steps)
