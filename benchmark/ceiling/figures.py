@@ -18,10 +18,17 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from eitbench.benchmark.ceiling.drawing import SEEDS, VERSION, draws_of, priors_of, told
+from eitbench.benchmark.ceiling.drawing import (
+    SEEDS,
+    VERSION,
+    draws_of,
+    kept_frames,
+    priors_of,
+    told,
+)
 from eitbench.benchmark.ceiling.models import images
 from eitbench.benchmark.ceiling.moves import PROPOSALS, Proposals
-from eitbench.benchmark.ceiling.record import recorded_frames, recorded_runs
+from eitbench.benchmark.ceiling.record import recorded_runs
 from eitbench.benchmark.ceiling.sampler import CORRECTED, LIBRARY, PARTICLES, Draws
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.metrics.statistics import bootstrap, means
@@ -75,7 +82,7 @@ def frames_table(
     rows = []
     for scenario in map(told, scenarios):
         data = load(scenario, "test", samples)
-        recorded = recorded_frames(scenario.name, scenario.data_hash("test") if record else None)
+        recorded = kept_frames(scenario, record)
         recorded = recorded[recorded["sample"] < samples]
         if len(recorded):
             rows.append(recorded)
@@ -264,7 +271,7 @@ def write_record(
     """
     frames = frames_table(draws, scenarios, samples, record=record)
     named = ",".join(scenario.name for scenario in scenarios)
-    kept = recorded_runs(suite) if record else []
+    earlier = recorded_runs(suite) if record else []
     about = {
         "command": f"eitbench ceiling {suite} --scenarios {named} --samples {samples} "
         f"{'--record ' * record}--out DIR",
@@ -276,7 +283,7 @@ def write_record(
         },
         **environment(),
         # Whose frames stand in the table, too.
-        "earlier": kept,
+        "earlier": [run for run in earlier if run["sampler"]["version"] == VERSION],
     }
     table = frames.to_csv(index=False, float_format="%.6g", lineterminator="\n")
     atomic_write(out / f"{suite}.csv", table.encode())

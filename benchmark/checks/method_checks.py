@@ -372,7 +372,7 @@ def uncertainty(tested: MethodUnderTest) -> str:
 
 
 def novelty(tested: MethodUnderTest) -> str:
-    """Novelty is finite, the same twice, in a batch and in other units.
+    """Novelty is finite, not the same for all frames; the same twice, in a batch, in other units.
 
     A method need not state any.
     """
@@ -382,6 +382,10 @@ def novelty(tested: MethodUnderTest) -> str:
         raise SkippedError("it states no novelty.")
     bad = int((~np.isfinite(stated)).sum())
     require(bad == 0, f"{bad} of {len(stated)} scores are NaN or infinite.")
+    require(
+        np.ptp(stated) > 0,
+        f"{len(stated)} different frames all score {stated[0]:.3g}; it should depend on the frame.",
+    )
 
     def apart(other: Sequence[NDArray[np.float32] | None]) -> float:
         found = np.concatenate([part for part in other if part is not None])

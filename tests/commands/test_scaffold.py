@@ -74,6 +74,13 @@ def test_a_network_is_trained_stored_and_loaded_with_its_card(
     assert images.shape == (2, 80, 80)
     assert (images[0] == problem.background).all()
     assert (images[1] != problem.background).any()
+    held = load("quick", split="validation")
+    assert held.conductivity is not None
+    # Validation samples have reference frames of their own, which training uses.
+    errors = method.reconstruct(held.voltages) - held.conductivity
+    stated = method.uncertainty(held.voltages[:2])
+    np.testing.assert_allclose(stated[0], np.sqrt((errors**2).mean(axis=0)), rtol=0.05)
+    np.testing.assert_array_equal(stated[1], stated[0])
 
 
 @pytest.mark.nightly

@@ -35,9 +35,11 @@ def ceiling(
     scenarios: Annotated[
         str | None, typer.Option(metavar="X,Y", help="These scenarios only (default: all).")
     ] = None,
-    samples: Annotated[int, typer.Option(min=2, help="Test samples of each scenario.")] = 200,
+    samples: Annotated[
+        int, typer.Option(min=2, help="First test samples of each scenario, or all of them.")
+    ] = 200,
     record: Annotated[
-        bool, typer.Option("--record", help="Draw only frames that the record lacks.")
+        bool, typer.Option("--record", help="Draw only frames that eitbench's own record lacks.")
     ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     as_json: Json = False,

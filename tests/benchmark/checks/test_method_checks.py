@@ -42,6 +42,7 @@ BROKEN = {
     "contract-compares": {"novelty"},
     "contract-in-volts": {"novelty"},
     "contract-speechless": {"novelty"},
+    "contract-indifferent": {"novelty"},
     "contract-negative": {"uncertainty"},
     "contract-certain": {"uncertainty"},
     "contract-few": {"uncertainty"},
@@ -56,6 +57,7 @@ BROKEN = {
 MORE = {
     "contract-squared", "contract-diverging", "contract-overconfident", "contract-certain",
     "contract-few", "contract-wavering", "contract-in-volts", "contract-speechless",
+    "contract-indifferent",
 }  # fmt: skip
 MISBEHAVING = {"toy-good": set(), "toy-prints": {"quiet"}}
 

@@ -281,6 +281,14 @@ class InVolts(Sound):
         return np.asarray(np.linalg.norm(voltages - self.problem.reference, axis=1))
 
 
+@register("contract-indifferent")
+class Indifferent(Sound):
+    """Scores all frames alike."""
+
+    def novelty(self, voltages: Array) -> Array:
+        return np.full(len(voltages), 0.5)
+
+
 @register("contract-speechless")
 class Speechless(Sound):
     """Has no score of a weak touch."""
