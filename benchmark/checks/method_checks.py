@@ -383,7 +383,7 @@ def novelty(tested: MethodUnderTest) -> str:
     bad = int((~np.isfinite(stated)).sum())
     require(bad == 0, f"{bad} of {len(stated)} scores are NaN or infinite.")
     require(
-        np.ptp(stated) > 0,
+        bool(np.ptp(stated) > 0),
         f"{len(stated)} different frames all score {stated[0]:.3g}; it should depend on the frame.",
     )
 

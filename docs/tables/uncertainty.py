@@ -8,6 +8,7 @@ from docs.tables.record import printed, record
 from eitbench.benchmark.findings.noise import CEILING
 from eitbench.benchmark.findings.uncertainty import Stated, read_uncertainty
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
+from eitbench.reports.findings.uncertainty import figure_text
 
 _PIXELS = (
     "crps", "coverage_50", "coverage_80", "coverage_95", "sharpness", "error_over_spread", "ause",
@@ -27,21 +28,11 @@ def stated(suite: str) -> list[Stated]:
     return read_uncertainty(record(suite))
 
 
-def _text(one: Stated, name: str) -> str:
-    interval, form = one.figures[name], UNCERTAINTY[name].form
-    if math.isnan(interval.value):
-        return "–"
-    text = format(interval.value, form)
-    if name == "crps" and not math.isnan(interval.low):
-        text += f" ({interval.low:{form}} to {interval.high:{form}})"
-    return text
-
-
 def _table(suite: str, names: tuple[str, ...], scenarios: tuple[str, ...]) -> str:
     heads = ["Scenario", "Method", "n", *(UNCERTAINTY[name].heading for name in names)]
     rows = [
         [one.scenario, "*ceiling*" if one.method == CEILING else f"`{one.method}`",
-         str(one.n), *(_text(one, name) for name in names)]
+         str(one.n), *(figure_text(one, name) for name in names)]
         for one in stated(suite)
         if one.scenario in scenarios and not math.isnan(one.figures[names[-1]].value)
     ]  # fmt: skip
@@ -55,8 +46,8 @@ def _skins() -> str:
     ours = [one for one in found.values() if one.method == CONFORMAL]
     rows = [
         [f"`{one.scenario}`", str(one.n), f"{errors[one.scenario, CONFORMAL]:.1f}",
-         *(_text(one, name) for name in _PLACES),
-         _text(found[one.scenario, "noser"], "place_coverage_95")]
+         *(figure_text(one, name) for name in _PLACES),
+         figure_text(found[one.scenario, "noser"], "place_coverage_95")]
         for one in ours
     ]  # fmt: skip
     means = {name: sum(one.figures[name].value for one in ours) / len(ours) for name in _PLACES}

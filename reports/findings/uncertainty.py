@@ -23,13 +23,14 @@ if TYPE_CHECKING:
 _MOST = 4
 """Scenarios in a figure, the first and the last among them; the table has all."""
 
+_WITH_INTERVAL = ("crps", "coverage_95", "place_coverage_95")
 _LEGEND = (
     "Methods that state how sure they are, ranked by CRPS [S/m], a proper score: the lower, the "
-    "better, and with 95 % interval over sessions. In 50, 80, 95 %: share of pixels whose truth "
-    "lies within the central interval of that level, among pixels where truth and draws differ. "
-    "Error / spread: of the draws' mean; 1 is right. AUSE: 0 where the stated deviation ranks "
-    "pixels as their errors do. Place in 95 %: share of true places among the 95 % nearest to the "
-    "middle of the places drawn, and the median radius of that region."
+    "better. In parentheses: 95 % intervals over sessions. In 50, 80, 95 %: share of pixels whose "
+    "truth lies within the central interval of that level, among pixels where truth and draws "
+    "differ. Error / spread: of the draws' mean; 1 is right. AUSE: 0 where the stated deviation "
+    "ranks pixels as their errors do. Place in 95 %: share of true places among the 95 % nearest "
+    "to the middle of the places drawn, and the median radius of that region."
 )
 _SHOWS = (
     "Above, the share of truths in central intervals against their level, where the diagonal is "
@@ -76,13 +77,18 @@ def _heads(found: list[Stated]) -> list[str]:
 
 def _cells(one: Stated, found: list[Stated]) -> list[str]:
     cells = [printable(one.scenario), printable(one.method), str(one.n)]
-    for name in _shown(found):
-        interval, form = one.figures[name], UNCERTAINTY[name].form
-        text = "–" if math.isnan(interval.value) else format(interval.value, form)
-        if name == "crps" and not math.isnan(interval.low):
-            text += f" ({interval.low:{form}} to {interval.high:{form}})"
-        cells.append(text)
-    return cells
+    return cells + [figure_text(one, name) for name in _shown(found)]
+
+
+def figure_text(one: Stated, name: str) -> str:
+    """A figure as tables print it, some of them with their 95 % interval."""
+    interval, form = one.figures[name], UNCERTAINTY[name].form
+    if math.isnan(interval.value):
+        return "–"
+    text = format(interval.value, form)
+    if name in _WITH_INTERVAL and not math.isnan(interval.low):
+        text += f" ({interval.low:{form}} to {interval.high:{form}})"
+    return text
 
 
 def draw(found: list[Stated], width: float = PAGE) -> Figure:

@@ -2,8 +2,9 @@
 
 `python -m docs.studies.ceiling.measure RUN...` reads the record of the ceiling and a run of the
 suite `noise` and runs of others, writes the distance of every method in every scenario to
-`below.csv`, commands and versions of the runs to `runs.json`, and draws `docs/ceiling.png`,
-`docs/ceiling-width.png` and `docs/ceiling-map.png`; without runs, the latter two alone.
+`below.csv`, commands and versions of the runs to `runs.json`, and draws `docs/ceiling.png`; with
+or without runs, it draws the figures of the record itself: `docs/ceiling-reliability.png`,
+`docs/ceiling-width.png` and `docs/ceiling-map.png`.
 """
 
 import json
@@ -18,9 +19,11 @@ from docs.tables.ceiling import frames
 from docs.tables.record import DOCS, STUDIES, about_runs
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from scipy import stats
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.ceiling.figures import TRACES
 from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.benchmark.findings.noise import noise_curves
 from eitbench.reports.figures.style import PAGE, STYLE, line_style, new_figure, save
@@ -28,6 +31,7 @@ from eitbench.reports.findings.noise import draw
 from eitbench.scenarios.sensors.sensor import foam16
 
 OUT = STUDIES / "ceiling"
+_TRACES = {"x": "place, x", "y": "place, y", "strength": "strength", "area": "area"}
 GROUPS = 3
 """Equal groups of frames that a curve has a point for."""
 
@@ -35,6 +39,7 @@ GROUPS = 3
 def write(paths: Sequence[Path]) -> None:
     """Write the record of run directories, if any, and the figures."""
     with mpl.rc_context(STYLE):
+        save(reliability(frames()), DOCS / "ceiling-reliability", ("png",))
         save(widths(frames()), DOCS / "ceiling-width", ("png",))
         save(width_maps(frames()), DOCS / "ceiling-map", ("png",))
     if not paths:
@@ -56,6 +61,33 @@ def write(paths: Sequence[Path]) -> None:
     for curves in filter(None, map(noise_curves, runs)):
         with mpl.rc_context(STYLE):
             save(draw(curves), DOCS / "ceiling", ("png",))
+
+
+def reliability(of: pd.DataFrame) -> Figure:
+    """Share of true traces in central intervals of the draws, a panel for each SNR.
+
+    The band holds 95 % of what chance gives right draws of so many frames (binomial).
+    """
+    levels = np.linspace(0.0, 1.0, 101)
+    panels = new_figure(PAGE, 2.6).subplots(1, of["snr_db"].nunique(), sharey=True)
+    for axes, (snr_db, at) in zip(panels, of.groupby("snr_db"), strict=True):
+        ends = stats.binom.interval(0.95, len(at), levels)
+        axes.fill_between(100 * levels, *(100 * end / len(at) for end in ends), color="0.9")
+        axes.plot([0, 100], [0, 100], color="0.5", lw=1, ls=":")
+        for k, name in enumerate(TRACES):
+            off = np.sort(2 * np.abs(at[f"rank_{name}"] - 0.5))
+            held = np.searchsorted(off, levels, side="right") / len(at)
+            style = line_style(k) | {"marker": ""}
+            axes.plot(100 * levels, 100 * held, lw=1.2, label=_TRACES[name], **style)
+        axes.set_title(f"{snr_db:g} dB, {len(at)} frames", loc="left")
+        axes.set(xlabel="central interval [%]", xlim=(-4, 108))
+        axes.grid(alpha=0.25, lw=0.5)
+    panels[0].set_ylabel("truths in it [%]")
+    figure: Figure = panels[0].figure
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False
+    )
+    return figure
 
 
 def widths(of: pd.DataFrame) -> Figure:
