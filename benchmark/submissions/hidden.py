@@ -352,8 +352,13 @@ def write_hidden(record: HiddenRecord, version: Path) -> Path:
     """Keep the record in the folder of a version of the leaderboard, beside earlier ones.
 
     Raises:
-        InputError: one of its gaps is there already.
+        InputError: one of its gaps is there already, or its key is published.
     """
+    if is_retired(published_keys(version), record.key):
+        raise InputError(
+            f"The key of this hidden set of {record.suite!r} is published, so that anybody could "
+            "prepare a method for it: figures that are kept need a new key."
+        )
     there = [of for of in read_hidden(version) if of.suite == record.suite]
     known = {_of_code(gap) for of in there if of.key == record.key for gap in of.gaps}
     for gap in record.gaps:
