@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import joblib
 import numpy as np
-import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from eitbench.benchmark.ceiling.models import PhantomModels
@@ -110,11 +109,6 @@ def priors_of(scenario: SimulatedScenario) -> tuple[FamilyPrior, ...]:
     return tuple(prior for family in families for prior in FamilyPrior.of(family, sensor))
 
 
-def kept_frames(scenario: SimulatedScenario, record: bool) -> pd.DataFrame:
-    """Frames of the product's own record that need not be drawn again; none without `record`."""
-    return recorded_frames(scenario.name, scenario.data_hash("test") if record else None, VERSION)
-
-
 class _Frame(NamedTuple):
     """A frame (M,) [V/A] whose posterior is not drawn from yet, and the file of its draws."""
 
@@ -137,7 +131,8 @@ def draw_posteriors(
 ) -> None:
     """Draw from the posteriors of the first `samples` test frames of scenarios.
 
-    With `record`, frames that the product's own record has are left out.
+    With `record`, frames that the product's own record has by this version of the sampler are left
+    out.
 
     Raises:
         InputError: frames that the sampler does not know the law of, or draws of other frames in
@@ -148,7 +143,8 @@ def draw_posteriors(
     for scenario in map(told, scenarios):
         law = json.dumps(scenario.clean_parameters("test"))
         data = load(scenario, "test", samples, jobs=jobs, progress=progress)
-        recorded = kept_frames(scenario, record)
+        recorded = recorded_frames(scenario.name, scenario.data_hash("test") if record else None)
+        recorded = recorded[recorded["version"] == VERSION]
         for sample, input_hash in enumerate(data.frame_hashes):
             path = _path(folder, scenario.name, sample)
             if sample not in recorded.index and _read(path, input_hash) is None:

@@ -22,13 +22,12 @@ from eitbench.benchmark.ceiling.drawing import (
     SEEDS,
     VERSION,
     draws_of,
-    kept_frames,
     priors_of,
     told,
 )
 from eitbench.benchmark.ceiling.models import images
 from eitbench.benchmark.ceiling.moves import PROPOSALS, Proposals
-from eitbench.benchmark.ceiling.record import recorded_runs
+from eitbench.benchmark.ceiling.record import recorded_frames, recorded_runs
 from eitbench.benchmark.ceiling.sampler import CORRECTED, LIBRARY, PARTICLES, Draws
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.metrics.statistics import bootstrap, means
@@ -65,13 +64,14 @@ def frames_table(
 ) -> pd.DataFrame:
     """One row for each of the first `samples` frames of scenarios of which `folder` holds draws.
 
-    With `record`, rows that the product's own record has are taken from there.
+    With `record`, rows of the others that the product's own record has are taken from there.
 
-    Columns: `scenario`, `sample`, `input_hash`, `cluster`, `family`, `snr_db` and `touch_snr_db` of
-    the frame; `FIGURES` of the mean of both samplers' means; squared errors over the square of the
-    sensor's data range: `mse` of the posterior mean, estimated by the product of both samplers'
-    errors, in which the chance of their draws cancels, `mse_<proposals>` of each alone, and
-    `expected_mse`, the variance of the posterior; `rhat`, the greatest of the traces;
+    Columns: `scenario`, `sample`, `version` of the sampler, `input_hash`, `cluster`, `family`,
+    `snr_db` and `touch_snr_db` of the frame; `FIGURES` of the mean of both samplers' means; squared
+    errors over the square of the sensor's data range: `mse` of the posterior mean, estimated by the
+    product of both samplers' errors, in which the chance of their draws cancels, `mse_<proposals>`
+    of each alone, and `expected_mse`, the variance of the posterior; `rhat`, the greatest of the
+    traces;
     `effective`, the lesser share of exact weights; `rank_<trace>`, the share of draws below the
     truth; `true_<trace>` and `sd_<trace>`, the truth and the posterior's standard deviation;
     `likely_<family>`, the probabilities; `STATED`, the figures of the posterior as an uncertainty.
@@ -82,22 +82,23 @@ def frames_table(
     rows = []
     for scenario in map(told, scenarios):
         data = load(scenario, "test", samples)
-        recorded = kept_frames(scenario, record)
+        recorded = recorded_frames(scenario.name, scenario.data_hash("test") if record else None)
         recorded = recorded[recorded["sample"] < samples]
-        if len(recorded):
-            rows.append(recorded)
         truth = data.conductivity
         assert truth is not None
         families = [prior.parameters for prior in priors_of(scenario)]
         found, estimates, which = [], [], []
         for sample in range(len(data)):
             drawn = draws_of(folder, scenario.name, sample, data.frame_hashes[sample])
-            if drawn is None or sample in recorded.index:
+            if drawn is None:
                 continue
             row, mean = _frame(data, sample, truth[sample], drawn, families)
             found.append(row)
             estimates.append(mean)
             which.append(sample)
+        kept = recorded[~recorded["sample"].isin(which)]
+        if len(kept):
+            rows.append(kept)
         if not found:
             continue
         filled = np.array([data.sensor.background * np.ones(data.sensor.image_shape)] * len(data))
@@ -106,7 +107,11 @@ def frames_table(
         rows.append(pd.concat([pd.DataFrame(found), scored[list(FIGURES)]], axis=1))
     if not rows:
         raise InputError(f"{folder} holds no draws of these scenarios: draw some first.")
-    return pd.concat(rows, ignore_index=True)
+    order = {told(scenario).name: k for k, scenario in enumerate(scenarios)}
+    table = pd.concat(rows, ignore_index=True)
+    return table.iloc[np.lexsort([table["sample"], table["scenario"].map(order)])].reset_index(
+        drop=True
+    )
 
 
 def _frame(
@@ -147,6 +152,7 @@ def _frame(
     return {
         "scenario": data.scenario,
         "sample": sample,
+        "version": VERSION,
         "input_hash": data.frame_hashes[sample],
         "cluster": about["cluster"],
         "family": about["family"],
@@ -283,7 +289,7 @@ def write_record(
         },
         **environment(),
         # Whose frames stand in the table, too.
-        "earlier": [run for run in earlier if run["sampler"]["version"] == VERSION],
+        "earlier": earlier,
     }
     table = frames.to_csv(index=False, float_format="%.6g", lineterminator="\n")
     atomic_write(out / f"{suite}.csv", table.encode())

@@ -22,37 +22,29 @@ RECORDS = Path(__file__).parent / "records"
 
 
 @lru_cache(maxsize=1)
-def _stored() -> dict[tuple[str, str | None], tuple[int, pd.DataFrame]]:
-    """The recorded frames of each scenario and hash of its test data, and the sampler's version."""
-    found: dict[tuple[str, str | None], tuple[int, pd.DataFrame]] = {}
+def _stored() -> dict[tuple[str, str | None], pd.DataFrame]:
+    """The recorded frames of each scenario and hash of its test data."""
+    found: dict[tuple[str, str | None], pd.DataFrame] = {}
     for path in sorted(RECORDS.glob("*.json")):
-        about = json.loads(path.read_text())
+        data = json.loads(path.read_text())["data"]
         for scenario, frames in pd.read_csv(path.with_suffix(".csv")).groupby("scenario"):
             by_sample = frames.set_index(frames["sample"].to_numpy())
-            of = str(scenario), about["data"][scenario]
-            found[of] = about["sampler"]["version"], by_sample
+            found[str(scenario), data[scenario]] = by_sample
     return found
 
 
-def recorded_frames(
-    scenario: str, data_hash: str | None, version: int | None = None
-) -> pd.DataFrame:
+def recorded_frames(scenario: str, data_hash: str | None) -> pd.DataFrame:
     """The recorded frames of a scenario with test data of this hash, by sample; often none.
 
     The hash of what decides the data and the number of the sample say which frame it is. Its bits
-    do not: the last ones depend on the processor. With a `version`, frames that another one of the
-    sampler drew do not count.
+    do not: the last ones depend on the processor.
     """
-    nothing = pd.DataFrame(columns=["scenario", "sample", "input_hash", "mse"])
-    drawn_by, frames = _stored().get((scenario, data_hash), (version, nothing))
-    return frames if version in (None, drawn_by) else nothing
+    nothing = pd.DataFrame(columns=["scenario", "sample", "version", "input_hash", "mse"])
+    return _stored().get((scenario, data_hash), nothing)
 
 
 def recorded_runs(suite: str) -> list[dict[str, Any]]:
-    """What made the record of a suite, command, versions and commit; the first run first.
-
-    All are by the same version of the sampler.
-    """
+    """What made the record of a suite, command, versions and commit; the first run first."""
     path = RECORDS / f"{suite}.json"
     if not path.is_file():
         return []

@@ -8,6 +8,7 @@ the file `REASONS` of the newer version.
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 import zlib
 from dataclasses import dataclass
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+VERSION = re.compile(r"20\d\d\.[1-9]\d*")
+"""Of the leaderboard: a year and a number, each version in one way only."""
 REASONS = "changed.toml"
 """In the folder of a version: by the name of a method, why its figures changed."""
 _REASONS = _SUMS = TypeAdapter(dict[str, str])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-import re
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,7 +30,8 @@ from eitbench.benchmark.rundir.few_bytes import packed, rounded, with_short_hash
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.rundir.store import SAMPLES
-from eitbench.reports.board.changes import checksums, version_key
+from eitbench.benchmark.submissions.sums import note_sums
+from eitbench.reports.board.changes import VERSION, checksums, version_key
 from eitbench.reports.board.further_methods import (
     check_joins,
     joined,
@@ -44,10 +43,6 @@ from eitbench.reports.page.images import FEW_STEPS, shown_families, shown_sample
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-SUMS = "SHA256SUMS"
-"""Of all records and hidden figures of a version: shows that nobody changed them, with
-`sha256sum -c SHA256SUMS`."""
 
 TIMES = ("frame_ms", "uncertainty_ms", "novelty_ms", "forward_ms", "grad_ms")
 """Columns of samples with what a method or operator took."""
@@ -131,27 +126,8 @@ def _without_paths(content: manifest.Manifest) -> manifest.Manifest:
 
     These name folders of one machine; the number of jobs has an entry of its own.
     """
-    again = {"command_line": f"eitbench board {content['plan']['suite']['name']}"}
+    again = {"command_line": f"eitbench board {content['plan']['suite']['name']} --runs RUNS"}
     return content | again | {"resumed": [entry | again for entry in content["resumed"]]}
-
-
-def sums_of(folder: Path) -> list[str]:
-    """Lines of the SHA-256 of the files of a record, or of hidden figures, by name.
-
-    They are as `sha256sum` writes and checks them.
-    """
-    return [_sum_of(path) for path in sorted(folder.iterdir())]
-
-
-def note_sums(paths: Sequence[Path]) -> None:
-    """Add new files of one folder of a version to its sums."""
-    with (paths[0].parents[1] / SUMS).open("a") as sums:
-        sums.writelines(map(_sum_of, paths))
-
-
-def _sum_of(path: Path) -> str:
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return f"{digest}  {path.parent.name}/{path.name}\n"
 
 
 def _write_rounded(table: pd.DataFrame, path: Path) -> None:
@@ -213,7 +189,7 @@ def check_new(out: Path) -> None:
     Raises:
         InputError: there is one, no such version can be, or a file is in the way.
     """
-    if not re.fullmatch(r"20\d\d\.\d+", out.parent.name):
+    if not VERSION.fullmatch(out.parent.name):
         raise InputError(
             f"A version is a year and a number, such as 2026.1; got {out.parent.name!r}."
         )
@@ -319,10 +295,10 @@ def cost(suite: str, records: Path, names: Sequence[str] = ()) -> str:
     slowest = spent.idxmax()
     frames = pd.Series({name: run.n(name) for name in run.scenarios()}).sum()
     return (
-        f"{suite!r} took {', '.join(names) or f'its {run.kind.name}s'} {spent.sum() / 60:.1f} "
-        f"minutes on one core "
-        f"for {frames:,} frames in version {newest.parents[1].name}, most of it {slowest!r}; its "
-        f"record has {size:.1f} MB. With one job, up to {PATIENCE_S:g} s more for each of "
+        f"{', '.join(names) or f'The {run.kind.name}s'} of {suite!r} took {spent.sum() / 60:.1f} "
+        f"minutes on one core for {frames:,} frames in version {newest.parents[1].name}, data and "
+        f"scoring not counted, most of it {slowest!r}; its record has {size:.1f} MB. With one job, "
+        f"up to {PATIENCE_S:g} s more for each of "
         f"{len(spent) * len(run.scenarios())} cells while the machine is busy."
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,7 +17,14 @@ from eitbench.benchmark.submissions.hidden import PublishedKey, published_keys
 from eitbench.benchmark.submissions.statement import read_statement
 from eitbench.benchmark.submissions.submission import FOLDER as SUBMISSIONS
 from eitbench.benchmark.submissions.tiers import is_ranked, is_submission
-from eitbench.reports.board.changes import changes, in_words, last_before, reasons, version_key
+from eitbench.reports.board.changes import (
+    VERSION,
+    changes,
+    in_words,
+    last_before,
+    reasons,
+    version_key,
+)
 from eitbench.reports.page.report import to_page
 from eitbench.reports.page.report_data import (
     BoardData,
@@ -32,8 +38,6 @@ from eitbench.reports.tables.gaps import run_tier
 
 if TYPE_CHECKING:
     from eitbench.benchmark.analysis.leaderboard import Row
-
-VERSION = re.compile(r"20\d\d\.\d+")
 
 
 @dataclass(frozen=True, eq=False)

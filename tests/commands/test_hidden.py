@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from eitbench.benchmark.submissions import run_checks
+from eitbench.benchmark.submissions.sums import SUMS
 from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.commands.board import VERSION
-from eitbench.reports.board.records import SUMS
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites import suite as suites
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise

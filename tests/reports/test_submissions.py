@@ -426,4 +426,8 @@ def test_a_run_has_no_tier_and_a_record_was_run_by_us(run: Path, tmp_path: Path)
     whole = start_run(make_plan(SUITE), tmp_path / "run").path
     record = write_record(whole, tmp_path / "2026.1" / "mine")
     (told,) = [note for note in notes(ranked_rows([record])) if "tier" in note]
-    assert told == "tier of noser: reproduced on all samples"
+    assert told == "tier of noser: reproduced on all samples, by the maintainers"
+    with (record / "manifest.json").open("a") as file:
+        file.write(" ")  # by somebody else
+    (told,) = [note for note in notes(ranked_rows([record])) if "tier" in note]
+    assert told == "tier of noser: self-reported"

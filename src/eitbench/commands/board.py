@@ -14,7 +14,7 @@ Records = Annotated[Path, typer.Option(metavar="DIR", help="The records of all v
 RECORDS = Path("reports/board")
 
 
-@app.command(epilog="Example: eitbench board quick --runs runs/board")
+@app.command(epilog="Example: eitbench board quick --runs runs/board --version 2026.3")
 def board(
     suite: Annotated[str, typer.Argument(help="A packaged suite (eitbench list suites).")],
     runs: Annotated[
@@ -56,9 +56,10 @@ def board(
     if records == RECORDS and not records.is_dir():
         raise InputError(f"There is no {RECORDS} here: run it in a checkout, or name --records.")
     declared, out, run = load_suite(suite), records / version / suite, runs / suite
+    asked, on = names_in("--methods", methods), names_in("--scenarios", scenarios)
+    typer.echo(cost(suite, records, asked))
     check_new(out)
     older = last_before(out)
-    asked, on = names_in("--methods", methods), names_in("--scenarios", scenarios)
     every = [scenario.name for scenario in declared.scenarios]
     for what, chosen, known in (("method", asked, declared.names), ("scenario", on, every)):
         for name in chosen:
@@ -70,7 +71,6 @@ def board(
             f"No version before {version} has a record of {suite!r} to take the other rows from: "
             "leave --methods and --scenarios out."
         )
-    typer.echo(cost(suite, records, asked))
     operators = declared.ranks == "operators"
     plan = make_plan(
         declared,

@@ -39,7 +39,11 @@ def ceiling(
         int, typer.Option(min=2, help="First test samples of each scenario, or all of them.")
     ] = 200,
     record: Annotated[
-        bool, typer.Option("--record", help="Draw only frames that eitbench's own record lacks.")
+        bool,
+        typer.Option(
+            "--record",
+            help="Draw only frames that eitbench's own record lacks, or has by an older sampler.",
+        ),
     ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     as_json: Json = False,

@@ -97,8 +97,8 @@ def gap(
     """Say what each method loses on the hidden set, and whether that is more than chance."""
     from eitbench.benchmark.analysis.results import read_run
     from eitbench.benchmark.submissions.hidden import hidden_record, write_hidden
+    from eitbench.benchmark.submissions.sums import note_sums
     from eitbench.commands.tables import gaps_table
-    from eitbench.reports.board.records import note_sums
     from eitbench.reports.tables.gaps import gaps_note
 
     found = hidden_record(read_run(open_run), read_run(hidden_run))

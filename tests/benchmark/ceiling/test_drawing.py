@@ -11,7 +11,7 @@ from pandas.testing import assert_frame_equal
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.benchmark.ceiling import drawing, record, sampler
+from eitbench.benchmark.ceiling import drawing, figures, record, sampler
 from eitbench.benchmark.ceiling.drawing import draw_posteriors, known_of, told
 from eitbench.benchmark.ceiling.figures import summary, write_record
 from eitbench.benchmark.findings.uncertainty import read_uncertainty
@@ -64,13 +64,16 @@ def test_clean_frames_are_those_of_70_db() -> None:
     assert told(FAST) is FAST
 
 
-def test_frames_of_the_record_are_not_drawn_again(tmp_path: Path) -> None:
+def test_frames_of_the_record_are_not_drawn_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """They are known by their data and numbers: bits of frames depend on the processor."""
     level = scenario_by_name("noise-30db")
+    known = record.recorded_frames("noise-30db", level.data_hash("test"))
+    monkeypatch.setattr(drawing, "VERSION", known["version"].iloc[0])
     draw_posteriors([level], tmp_path / "draws", 2, record=True)
     assert not (tmp_path / "draws").exists()
     kept = write_record(tmp_path / "draws", "noise", [level], 2, tmp_path, record=True)
-    known = record.recorded_frames("noise-30db", level.data_hash("test"))
     assert_frame_equal(kept.set_index(kept["sample"].to_numpy()), known.iloc[:2])
     about = json.loads((tmp_path / "noise.json").read_text())
     assert "--samples 2 --record " in about["command"]
@@ -79,6 +82,46 @@ def test_frames_of_the_record_are_not_drawn_again(tmp_path: Path) -> None:
         *(made["command"] for made in shipped["earlier"]),
         shipped["command"],
     ]
+
+
+@pytest.mark.slow
+def test_frames_by_an_older_sampler_are_drawn_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those that were not yet, stay in the record."""
+    scenario = FAST.model_copy(update={"test": 4})
+    older = write_older_record(scenario, tmp_path, monkeypatch)
+    try:
+        draw_posteriors([scenario], tmp_path / "new", 2, record=True)
+        assert len(list((tmp_path / "new" / "few").iterdir())) == 2
+        frames = write_record(
+            tmp_path / "new", "own", [scenario], 4, tmp_path / "later", record=True
+        )
+        assert frames["version"].tolist() == [drawing.VERSION] * 2 + [drawing.VERSION - 1] * 2
+        assert frames["sample"].tolist() == [0, 1, 2, 3]
+        np.testing.assert_allclose(frames["mse"][2:], older["mse"][2:], rtol=1e-5)
+        about = json.loads((tmp_path / "later" / "own.json").read_text())
+        versions = [run["sampler"]["version"] for run in [about, *about["earlier"]]]
+        assert versions == [drawing.VERSION, drawing.VERSION - 1]
+    finally:
+        record._stored.cache_clear()
+
+
+def write_older_record(
+    scenario: SimulatedScenario, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> pd.DataFrame:
+    """Make the product's record one of `scenario`, by a sampler of the version before."""
+    monkeypatch.setattr(sampler, "PARTICLES", 20)
+    now, older = drawing.VERSION, drawing.VERSION - 1
+    for module in (drawing, figures):
+        monkeypatch.setattr(module, "VERSION", older)
+    draw_posteriors([scenario], folder / "old", scenario.test)
+    frames = write_record(folder / "old", "own", [scenario], scenario.test, folder / "records")
+    for module in (drawing, figures):
+        monkeypatch.setattr(module, "VERSION", now)
+    monkeypatch.setattr(record, "RECORDS", folder / "records")
+    record._stored.cache_clear()
+    return frames
 
 
 @pytest.mark.parametrize("suite", ["noise", "shapes"])
@@ -99,14 +142,15 @@ def test_what_cannot_be_told_is_sorted_out() -> None:
     assert "'slab' has a slab" in str(why)
 
 
-def test_the_record_is_by_the_sampler_as_it_is() -> None:
+def test_a_record_says_which_sampler_drew_each_frame() -> None:
     for path in record.RECORDS.glob("*.json"):
-        about = json.loads(path.read_text())["sampler"]
-        now = (sampler.PARTICLES, sampler.LIBRARY, drawing.SEEDS)
-        if about["version"] == drawing.VERSION:
-            assert (about["particles"], about["library"], about["seeds"]) == now
-        else:
-            assert about["version"] < drawing.VERSION
+        about = json.loads(path.read_text())
+        drew = {run["sampler"]["version"]: run["sampler"] for run in [about, *about["earlier"]]}
+        assert {*pd.read_csv(path.with_suffix(".csv"))["version"]} <= drew.keys()
+        assert max(drew) <= drawing.VERSION
+        if (now := drew.get(drawing.VERSION)) is not None:
+            of_now = (sampler.PARTICLES, sampler.LIBRARY, drawing.SEEDS)
+            assert (now["particles"], now["library"], now["seeds"]) == of_now
 
 
 def record_of(scenario: SimulatedScenario, folder: Path) -> pd.DataFrame:

@@ -275,6 +275,12 @@ def test_a_record_is_kept_once_and_found_for_the_same_code_alone(
     text = path.read_text()
     assert KEY.hex() not in text
     assert record.key in text
+    beside = tmp_path / "retired"
+    beside.mkdir()
+    published(beside, KEY, more=f'retired = "{KEY.hex()}"')
+    with pytest.raises(InputError, match="is published, so that anybody"):
+        write_hidden(record, beside / "2026.1")
+    assert not (beside / "2026.1").exists()
     found = gap_of([record], runs[0], "n", "memory")
     assert found is not None
     assert found.falls

@@ -1,0 +1,47 @@
+"""Hashes of the files of the leaderboard, which show whether somebody changed one."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+
+SUMS = "SHA256SUMS"
+"""Of all records and hidden figures of a version: shows that nobody changed them, with
+`sha256sum -c SHA256SUMS`."""
+
+
+def sums_of(folder: Path) -> list[str]:
+    """Lines of the SHA-256 of the files of a record, or of hidden figures, by name.
+
+    They are as `sha256sum` writes and checks them.
+    """
+    return [_sum_of(path) for path in sorted(folder.iterdir()) if path.is_file()]
+
+
+def note_sums(paths: Sequence[Path]) -> None:
+    """Add new files of one folder of a version to its sums."""
+    with (paths[0].parents[1] / SUMS).open("a") as sums:
+        sums.writelines(map(_sum_of, paths))
+
+
+def fit_sums(folder: Path) -> bool:
+    """True if the files of a record are those that its version has noted."""
+    sums = folder.parent / SUMS
+    if not sums.is_file():
+        return False
+    files = [sums, *sorted(path for path in folder.iterdir() if path.is_file())]
+    return _fit(folder, tuple((path.name, path.stat().st_mtime_ns) for path in files))
+
+
+@lru_cache(maxsize=64)
+def _fit(folder: Path, _state: tuple[tuple[str, int], ...]) -> bool:
+    """`fit_sums`, kept for as long as no file changes: it is asked for every row of a board."""
+    noted = (folder.parent / SUMS).read_text().splitlines(keepends=True)
+    return {line for line in noted if line[66:].startswith(f"{folder.name}/")} == {*sums_of(folder)}
+
+
+def _sum_of(path: Path) -> str:
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return f"{digest}  {path.parent.name}/{path.name}\n"
