@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,9 +53,15 @@ def write_submission(run: Path, out: Path, *, jobs: int = 1) -> Written:
     no figure that ranks a method by more than is tolerated. `submission.json` is to be filled in.
 
     Raises:
-        InputError: `submission check` would refuse the run, for the same reason; or `out` is there.
+        InputError: `submission check` would refuse the run, for the same reason; or `out` is there,
+            or its name is none of a submission.
         DataUnavailableError, DataCorruptError: data or the run cannot be read.
     """
+    if not re.fullmatch("[a-z0-9-]+", out.name):
+        raise InputError(
+            f"{out.name!r} cannot name a submission: give --out a folder whose name has small "
+            "letters, digits and hyphens alone."
+        )
     if out.exists():
         raise InputError(f"{out} is there already: name a new folder with --out.")
     if (run / STATEMENT).is_file():

@@ -240,7 +240,10 @@ def _edition(folder: Path, version: str) -> Edition:
         path.parent for where in below for path in folder.glob(f"{where}/{manifest.FILE_NAME}")
     )
     if not paths:
-        raise InputError(f"There is no run directory in {folder}: name the folder that holds them.")
+        raise InputError(
+            f"There is no run directory in {folder}: name the folder that holds them, not one of "
+            "them."
+        )
     by_suite: dict[str, dict[bool, list[tuple[Run, ReportData]]]] = {}
     left_out = []
     for path in paths:
