@@ -51,7 +51,7 @@ def test_a_wheel_holds_every_module_once(tmp_path: Path) -> None:
 def test_the_source_distribution_packs_the_same_folders() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     targets = project["tool"]["hatch"]["build"]["targets"]
-    packed = [*targets["wheel"]["only-include"], "examples", "tests"]
+    packed = [*targets["wheel"]["only-include"], "examples"]
     assert targets["sdist"]["only-include"] == packed
 
 

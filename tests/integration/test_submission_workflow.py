@@ -129,6 +129,10 @@ def strange(theirs: Path) -> None:
     add(theirs, FOLDER.replace("mine", "$(touch ran)") + "/submission.json")
 
 
+def in_capitals(theirs: Path) -> None:
+    add(theirs, FOLDER.replace("mine", "My_Method") + "/submission.json")
+
+
 def to_a_version_of_its_own(theirs: Path) -> None:
     """The site would show it as the newest one."""
     add(theirs, FOLDER.replace("2026.1", "2099.1") + "/submission.json")
@@ -152,6 +156,7 @@ def without_a_record(theirs: Path) -> None:
         (with_verdict, "changes nothing else"),
         (two, "changes nothing else"),
         (strange, "changes nothing else"),
+        (in_capitals, "My_Method, may have small letters, digits and hyphens alone"),
         (edited, "changes nothing else"),
         (moved, "changes nothing else"),
         (moved_within_the_board, "changes nothing else"),
