@@ -96,22 +96,17 @@ def frames_table(
             found.append(row)
             estimates.append(mean)
             which.append(sample)
-        kept = recorded[~recorded["sample"].isin(which)]
-        if len(kept):
-            rows.append(kept)
-        if not found:
-            continue
-        filled = np.array([data.sensor.background * np.ones(data.sensor.image_shape)] * len(data))
-        filled[which] = np.array(estimates)
-        scored = evaluate(data, filled).iloc[which].reset_index(drop=True)
-        rows.append(pd.concat([pd.DataFrame(found), scored[list(FIGURES)]], axis=1))
+        of_scenario = [recorded[~recorded["sample"].isin(which)]]
+        if found:
+            filled = np.full((len(data), *data.sensor.image_shape), data.sensor.background)
+            filled[which] = np.array(estimates)
+            scored = evaluate(data, filled).iloc[which].reset_index(drop=True)
+            of_scenario.append(pd.concat([pd.DataFrame(found), scored[list(FIGURES)]], axis=1))
+        if there := [table for table in of_scenario if len(table)]:
+            rows.append(pd.concat(there).sort_values("sample"))
     if not rows:
         raise InputError(f"{folder} holds no draws of these scenarios: draw some first.")
-    order = {told(scenario).name: k for k, scenario in enumerate(scenarios)}
-    table = pd.concat(rows, ignore_index=True)
-    return table.iloc[np.lexsort([table["sample"], table["scenario"].map(order)])].reset_index(
-        drop=True
-    )
+    return pd.concat(rows, ignore_index=True)
 
 
 def _frame(

@@ -231,12 +231,10 @@ class _Annealing:
         self._log_likely -= special.logsumexp(self._log_likely)
         left = {family: some for family, some in of.items() if family in self._of(UNLIKELY)}
         self._log_likely[[k not in left for k in range(len(self._log_likely))]] = -np.inf
-        chosen = [
-            some[resampled(special.softmax(log_weights[some]), _particles(prior), self._rng)]
-            for prior, some in (
-                (self._models.priors[family], some) for family, some in left.items()
-            )
-        ]
+        chosen = []
+        for family, some in left.items():
+            count, weights = _particles(self._models.priors[family]), log_weights[some]
+            chosen.append(some[resampled(special.softmax(weights), count, self._rng)])
         self._particles = self._particles.take(np.concatenate(chosen))
 
     def draws(self) -> Draws:

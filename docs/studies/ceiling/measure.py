@@ -69,7 +69,8 @@ def reliability(of: pd.DataFrame) -> Figure:
     The band holds 95 % of what chance gives right draws of so many frames (binomial).
     """
     levels = np.linspace(0.0, 1.0, 101)
-    panels = new_figure(PAGE, 2.6).subplots(1, of["snr_db"].nunique(), sharey=True)
+    figure = new_figure(PAGE, 2.6)
+    panels = figure.subplots(1, of["snr_db"].nunique(), sharey=True)
     for axes, (snr_db, at) in zip(panels, of.groupby("snr_db"), strict=True):
         ends = stats.binom.interval(0.95, len(at), levels)
         axes.fill_between(100 * levels, *(100 * end / len(at) for end in ends), color="0.9")
@@ -83,7 +84,6 @@ def reliability(of: pd.DataFrame) -> Figure:
         axes.set(xlabel="central interval [%]", xlim=(-4, 108))
         axes.grid(alpha=0.25, lw=0.5)
     panels[0].set_ylabel("truths in it [%]")
-    figure: Figure = panels[0].figure
     figure.legend(
         *panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False
     )
