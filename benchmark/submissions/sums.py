@@ -38,7 +38,7 @@ def fit_sums(folder: Path) -> bool:
 @lru_cache(maxsize=64)
 def _fit(folder: Path, _state: tuple[tuple[str, int], ...]) -> bool:
     """`fit_sums`, kept for as long as no file changes: it is asked for every row of a board."""
-    noted = (folder.parent / SUMS).read_text().splitlines(keepends=True)
+    noted = (folder.parent / SUMS).read_text(errors="replace").splitlines(keepends=True)
     return {line for line in noted if line[66:].startswith(f"{folder.name}/")} == {*sums_of(folder)}
 
 

@@ -21,6 +21,7 @@ from eitbench.benchmark.submissions.hidden import Gap, HiddenRecord, write_hidde
 from eitbench.benchmark.submissions.rerun import note_reproduced, rerun
 from eitbench.benchmark.submissions.statement import STATEMENT
 from eitbench.benchmark.submissions.submission import FILES, open_submission
+from eitbench.benchmark.submissions.sums import SUMS
 from eitbench.benchmark.submissions.tiers import tier
 from eitbench.reports.board import submissions
 from eitbench.reports.board.records import write_record
@@ -421,6 +422,15 @@ def test_a_submission_rises_from_tier_to_tier(folder: Path) -> None:
     assert tier(found, "n", "gentle").tier == "self-reported"  # its open images are still unknown
 
 
+@pytest.mark.parametrize("name", ["My_Method", "mine.", "ü"])
+def test_a_folder_that_the_workflow_refuses_is_not_written(
+    run: Path, tmp_path: Path, name: str
+) -> None:
+    with pytest.raises(InputError, match="cannot name a submission"):
+        write_submission(run, tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_run_has_no_tier_and_a_record_was_run_by_us(run: Path, tmp_path: Path) -> None:
     assert not [note for note in notes(ranked_rows([run])) if "tier" in note]
     whole = start_run(make_plan(SUITE), tmp_path / "run").path
@@ -429,5 +439,8 @@ def test_a_run_has_no_tier_and_a_record_was_run_by_us(run: Path, tmp_path: Path)
     assert told == "tier of noser: reproduced on all samples, by the maintainers"
     with (record / "manifest.json").open("a") as file:
         file.write(" ")  # by somebody else
+    (told,) = [note for note in notes(ranked_rows([record])) if "tier" in note]
+    assert told == "tier of noser: self-reported"
+    (record.parent / SUMS).write_bytes(b"\xff\x00 no text")
     (told,) = [note for note in notes(ranked_rows([record])) if "tier" in note]
     assert told == "tier of noser: self-reported"
