@@ -7,25 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.support.repositories import CAN_RUN, ROOT, add, add_script, git
 
-ROOT = Path(__file__).resolve().parents[2]
 WORKFLOW = ROOT / ".github" / "workflows" / "submission.yml"
 FOLDER = "reports/board/2026.1/submissions/quick/mine"
 
-GIT = shutil.which("git") or ""
-
-pytestmark = pytest.mark.skipif(not (GIT and shutil.which("bash")), reason="needs git and bash")
-
-
-def git(folder: Path, *arguments: str) -> None:
-    who = ("-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false")
-    subprocess.run([GIT, *who, "-C", str(folder), *arguments], check=True, capture_output=True)
-
-
-def add(folder: Path, name: str, text: str = "{}") -> None:
-    path = folder / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
+pytestmark = pytest.mark.skipif(not CAN_RUN, reason="needs git and bash")
 
 
 @pytest.fixture
@@ -38,8 +25,7 @@ def request_of(tmp_path: Path) -> Callable[..., tuple[Path, subprocess.Completed
         theirs, ours = tmp_path / "theirs", tmp_path / "ours"
         theirs.mkdir()
         git(theirs, "init", "-b", "main")
-        (theirs / ".ci").mkdir()
-        shutil.copy(ROOT / ".ci" / "submission", theirs / ".ci")
+        add_script(theirs, "submission")
         add(theirs, "code.py", "ours")
         for version in ("2025.2", "2026.1"):
             add(theirs, f"reports/board/{version}/quick/manifest.json")
