@@ -41,8 +41,9 @@ mutants: $(STAMPS)/mutants  ## mutation testing of what scores methods, hours (C
 docs: $(STAMPS)/docs  ## the documentation as a site, in build/site/docs; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-site: docs  ## the leaderboard in build/site, all versions, with the documentation
+site: docs  ## the leaderboard in build/site, all versions, with the documentation; a page above 300 kB is an error
 	$(BIN)/eitbench site reports/board --out build/site
+	@! find build/site -name '*.html' -not -path '*/reports/*' -size +300000c | grep . || (echo "These pages have more than 300 kB." >&2; exit 1)
 
 tables: $(STAMPS)/test  ## write the tables of the documentation anew, from stored runs and studies
 	$(BIN)/python -m docs.tables

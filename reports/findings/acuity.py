@@ -261,7 +261,7 @@ def _map(
     Where one is missing that was `tried`, there is a cross.
     """
     from matplotlib.collections import PatchCollection
-    from matplotlib.patches import Polygon, Rectangle
+    from matplotlib.patches import Rectangle
 
     place = one.places[["x_mm", "y_mm"]].to_numpy(np.float64)
     apart = np.abs(place[:, None] - place[None]).max(axis=2)
@@ -273,7 +273,8 @@ def _map(
     axes.add_collection(shown)
     axes.plot(*place[~known & tried].T, "x", color="0.6", ms=3, mew=0.7)
     rim = 1e3 * one.outline
-    axes.add_patch(Polygon(rim, fill=False, ec="0.6", lw=0.6))
+    # As a line: of a patch, matplotlib would keep the many points of a straight side.
+    axes.plot(*np.concatenate([rim, rim[:1]]).T, color="0.6", lw=0.6)
     axes.set_xlim(rim[:, 0].min() - 1, rim[:, 0].max() + 1)
     axes.set_ylim(rim[:, 1].min() - 1, rim[:, 1].max() + 1)
     axes.set_aspect("equal")
