@@ -36,8 +36,12 @@ VERSION = 2
 CLEAN_DB, MOST_DB = 70.0, 80.0
 """SNR of the frames that stand for those without noise, whose posterior has no width, and the
 greatest one."""
-SEEDS = 'generator("ceiling", scenario, sample, proposals)'
-"""Where the random numbers of a sampler come from, see `scenarios.seeds`."""
+SEEDS = (
+    'first particles: generator("ceiling", "library", session, proposals); steps: '
+    'generator("ceiling", scenario, sample, proposals); ranks and images of figures: '
+    'generator("ceiling", "ties" or "draws", scenario, sample)'
+)
+"""Where random numbers come from, see `scenarios.seeds`."""
 
 _TOLD = {"unit", "severity", "mesh", "electrode_shift_m", "electrode_width", "contact_impedance"}
 

@@ -27,7 +27,7 @@ from eitbench.benchmark.ceiling.drawing import (
 )
 from eitbench.benchmark.ceiling.models import images
 from eitbench.benchmark.ceiling.moves import PROPOSALS, Proposals
-from eitbench.benchmark.ceiling.record import recorded_frames, recorded_runs
+from eitbench.benchmark.ceiling.record import recorded_frames, recorded_runs, traces_held
 from eitbench.benchmark.ceiling.sampler import CORRECTED, LIBRARY, PARTICLES, Draws
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.metrics.statistics import bootstrap, means
@@ -221,7 +221,6 @@ def _summary(scenario: str, of: pd.DataFrame) -> dict[str, object]:
     errors = of[["mse", *(f"mse_{k}" for k in PROPOSALS)]].to_numpy()
     whole, apart = bootstrap(errors, of["cluster"], _decibels)
     ranks = of[[f"rank_{name}" for name in TRACES]].to_numpy()
-    off = np.abs(ranks - 0.5)
     tests = [stats.kstest(column, "uniform").pvalue for column in ranks.T]
     return {
         "scenario": scenario,
@@ -238,7 +237,7 @@ def _summary(scenario: str, of: pd.DataFrame) -> dict[str, object]:
         "agreed_psnr": _psnr(of["mse"][trusted(of)]),
         "exact_psnr": _psnr(of["mse"][exactly_weighted(of)]),
         "worst": float(of["mse"].max() / of["mse"].sum()),
-        **{f"within_{level}": float((off <= level / 200).mean()) for level in (50, 80, 95)},
+        **{f"within_{level}": traces_held(of, level) for level in (50, 80, 95)},
         "uniform_p": min(1.0, len(TRACES) * min(tests)),
     }
 
@@ -272,7 +271,8 @@ def write_record(
     """
     frames = frames_table(draws, scenarios, samples, record=record)
     named = ",".join(scenario.name for scenario in scenarios)
-    earlier = recorded_runs(suite) if record else []
+    runs = recorded_runs(suite) if record else []
+    earlier = [run for run in runs if run["sampler"]["version"] in set(frames["version"])]
     about = {
         "command": f"eitbench ceiling {suite} --scenarios {named} --samples {samples} "
         f"{'--record ' * record}--out DIR",
@@ -283,7 +283,7 @@ def write_record(
             if of.name in set(frames["scenario"])
         },
         **environment(),
-        # Whose frames stand in the table, too.
+        # Whose frames stand in the table, too, or those of the same version.
         "earlier": earlier,
     }
     table = frames.to_csv(index=False, float_format="%.6g", lineterminator="\n")

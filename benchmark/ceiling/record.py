@@ -76,6 +76,12 @@ def below_ceiling(
     return bootstrap(errors, drawn_with, decibels)[0]
 
 
+def traces_held(frames: pd.DataFrame, level: int) -> float:
+    """Share of the true traces of recorded frames within central intervals of `level` [%]."""
+    ranks = frames.filter(regex="^rank_").to_numpy(np.float64)
+    return float((np.abs(ranks - 0.5) <= level / 200).mean())
+
+
 def decibels(counts: Array, errors: Array) -> Array:
     """How far the mean of the first of `errors` (n, 2) is above that of the second [dB].
 

@@ -72,7 +72,8 @@ class Stated:
 
 
 def read_uncertainty(run: Run) -> list[Stated]:
-    """The track of a run, scenario by scenario, the best method first.
+    """The track of a run, scenario by scenario: the ceiling, which is not ranked, then the best
+    method first.
 
     Raises:
         DataCorruptError: what the run holds of it is damaged.
@@ -95,7 +96,7 @@ def read_uncertainty(run: Run) -> list[Stated]:
         known = known[known["sample"].isin(rows["sample"])]
         stated = [name for name in names if name in known]
         if track and len(known) and stated:
-            track.append(Stated(scenario, CEILING, _figures(known, stated), len(known), None))
+            found.append(Stated(scenario, CEILING, _figures(known, stated), len(known), None))
         found += sorted(track, key=_crps)
     return found
 

@@ -100,7 +100,9 @@ UNCERTAINTY = {
             best=None,
             aggregate=root_mean_square,
             form=".2f",
-            traps="1 is right; more says that errors are larger than stated.",
+            traps="1 is right; more says that errors are larger than stated. Frames whose draws "
+            "are all alike have none, however wrong they are; one frame with next to no spread can "
+            "rule the mean. CRPS charges both.",
         ),
         MetricSpec(
             "ause",

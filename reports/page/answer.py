@@ -111,7 +111,7 @@ def _beside(board: BoardData, boards: Sequence[BoardData]) -> str:
     if (below := first.get("below_ceiling_db")) is not None:
         low, high = first["below_ceiling_db_low"], first["below_ceiling_db_high"]
         parts.append(
-            f"In mean squared error, the frames with a ceiling allow {below:.1f} dB more "
+            f"In mean squared error, the frames with a ceiling allow at least {below:.1f} dB more "
             f"(95 %: {low:.1f} to {high:.1f})."
         )
     if board["ranked_by"] == "score":

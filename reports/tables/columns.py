@@ -184,8 +184,8 @@ _MEANINGS = {
     "group": "methods that share a letter cannot be told apart",
     "score": "0.25 (SSIM + CC + PSNR - RIE)",
     "bounded": "mean of SSIM, CC, 1 - RIE and PSNR / 40 dB, each within 0 to 1",
-    "below_ceiling_db": "mean squared error over the least that frames allow, in dB, on the frames "
-    "that both have; in brackets its 95 % interval",
+    "below_ceiling_db": "mean squared error over that of the ceiling, which frames allow at least, "
+    "in dB, on the frames that both have; in brackets its 95 % interval",
     "localisation_mm": "median error of the place",
     "localisation_p90_mm": "error of the place that 90 % of the presses stay within",
     "unevenness": "standard deviation of the local error over the skin, over its mean",

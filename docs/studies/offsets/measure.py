@@ -1,7 +1,7 @@
 """What drive patterns are worth by the ceiling: the same touches, seen with other offsets.
 
-`python -m docs.studies.offsets.measure DIR SAMPLES JOBS` draws from the posteriors of the first
-test frames of `noise-40db` as sensors of other patterns (i, i + k) see them, on the same units, at
+`python -m docs.studies.offsets.measure DIR SAMPLES [JOBS]` draws from posteriors of the first test
+frames of `noise-40db` as sensors of other patterns (i, i + k) see them, on the same units, at
 the same SNR of frames and at the same noise in volts, into DIR, where a stopped run goes on. It
 writes the figures of each frame to `offsets.csv`, with those of the ceiling's record for the offset
 3 of `foam16`, and what made them to `offsets.json`.
@@ -35,7 +35,7 @@ SAME = ("snr", "noise")
 """What the frames of another pattern share with those of the offset 3: 40 dB, or volts of noise."""
 COLUMNS = [
     "offset", "same", "sample", "input_hash", "cluster", "family", "touch_snr_db", "mse", "rhat",
-    "effective", "sd_x", "sd_y", "psnr", "localisation_mm",
+    "effective", "sd_x", "sd_y", "psnr", "localisation_mm", "version",
 ]  # fmt: skip
 
 
@@ -81,4 +81,4 @@ def write(folder: Path, samples: int, jobs: int) -> None:
 
 
 if __name__ == "__main__":
-    write(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))
+    write(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]) if sys.argv[3:] else 1)
