@@ -132,7 +132,6 @@ TABLES = {
     "ceiling by offset": lambda: _offsets("snr"),
     "ceiling by offset with the same noise": lambda: _offsets("noise"),
     "ceiling": lambda: _figures("noise", _COLUMNS),
-    "ceiling by sampler": lambda: _by_sampler("noise"),
     "ceiling by sampler of shapes": lambda: _by_sampler("shapes"),
     "ceiling checks": lambda: _figures("noise", _CHECKS),
     "below the ceiling": lambda: _below("noise"),
