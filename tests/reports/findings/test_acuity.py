@@ -1,11 +1,14 @@
 """The table and the maps of acuity show the figures they are given."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from eitbench.benchmark.findings.acuity import AcuityResult
 from eitbench.benchmark.findings.acuity_specs import ACUITY_SPECS
+from eitbench.reports.figures.style import svg
 from eitbench.reports.findings.acuity import draw, draw_depths, grid, place_grid, places_table
 
 
@@ -43,10 +46,18 @@ def test_a_cross_is_where_pairs_were_tried_and_a_scale_is_logarithmic() -> None:
     figure = draw([_result(40, np.nan), _result(60, 1.5)])
     panels = [axes for of in figure.subfigs for axes in of.axes if axes.get_title()]
     two_points = next(axes for axes in panels if axes.get_title() == "two points [mm]")
-    (crosses,) = two_points.lines
+    (crosses,) = (line for line in two_points.lines if line.get_marker() == "x")
     assert np.asarray(crosses.get_xydata()).tolist() == [[0, 0], [20, 0]]  # the others have no room
     (smallest,) = next(a for a in panels if a.get_title() == "smallest touch [kPa]").collections
     assert smallest.norm(np.array([2.0])) == pytest.approx(0.5)  # between 1 and 4 kPa
+
+
+def test_points_of_a_straight_side_do_not_make_a_picture_larger() -> None:
+    few = _result(60, 1.5)
+    along = np.linspace(0, 1, 200, endpoint=False)[:, None]
+    sides = zip(few.outline, np.roll(few.outline, -1, axis=0), strict=True)
+    many = replace(few, outline=np.concatenate([a + along * (b - a) for a, b in sides]))
+    assert len(svg(draw([many]))) < 1.1 * len(svg(draw([few])))
 
 
 def test_depths_have_a_line_for_each_method() -> None:
