@@ -283,7 +283,7 @@ def write_record(
             if of.name in set(frames["scenario"])
         },
         **environment(),
-        # Whose frames stand in the table, too, or those of the same version.
+        # Other runs by the samplers whose frames stand in the table.
         "earlier": earlier,
     }
     table = frames.to_csv(index=False, float_format="%.6g", lineterminator="\n")

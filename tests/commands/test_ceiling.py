@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from eitbench.benchmark.ceiling import sampler
 from eitbench.cli import app
+from eitbench.commands.console import names_in
 from eitbench.scenarios.errors import InputError
 
 SUITE = """
@@ -25,6 +26,10 @@ train = 0
 validation = 2
 test = 4
 """
+
+
+def test_a_name_counts_once() -> None:
+    assert names_in("--scenarios", "b, a,b") == ["b", "a"]
 
 
 @pytest.mark.slow

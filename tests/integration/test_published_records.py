@@ -17,7 +17,7 @@ RECORD, SUMS, HIDDEN = (
 
 @pytest.fixture
 def repository(tmp_path: Path) -> Path:
-    """A repository with a record, and a change after the release that holds it."""
+    """A repository with a record."""
     git(tmp_path, "init", "-b", "main")
     add_script(tmp_path, "records")
     (tmp_path / RECORD).parent.mkdir(parents=True)

@@ -64,7 +64,7 @@ def ceiling(
     declared = {scenario.name: scenario for scenario in found.scenarios}
     if unknown := [name for name in chosen if name not in declared]:
         raise unknown_name("scenario", unknown[0], declared)
-    which = [declared[name] for name in dict.fromkeys(chosen)]
+    which = [declared[name] for name in chosen]
     if not chosen:
         which, refused = known_of(declared.values())
         if refused and not which:

@@ -40,8 +40,9 @@ def width() -> int:
 
 
 def names_in(option: str, text: str | None) -> Sequence[str]:
-    """The names in `text`; none where the option was not given."""
-    names = [name.strip() for name in (text or "").split(",") if name.strip()]
+    """The names in `text`, each once; none where the option was not given."""
+    parts = (name.strip() for name in (text or "").split(","))
+    names = list(dict.fromkeys(filter(None, parts)))
     if text is not None and not names:
         raise typer.BadParameter(f"{option} names nothing: give names with commas between them")
     return names

@@ -57,7 +57,7 @@ def latency(
     check_empty(out)
     nominal = sensor_by_name(sensor)
     found = measure(
-        nominal, list(dict.fromkeys(names_in("--methods", methods))), snr, frame_rate=frame_rate,
+        nominal, list(names_in("--methods", methods)), snr, frame_rate=frame_rate,
         touches=touches, radius_m=None if radius is None else radius / 1e3,
         reference_age_s=reference_age, seed=seed, show=True,
     )  # fmt: skip
