@@ -16,6 +16,7 @@ from eitbench.benchmark.ceiling.drawing import draw_posteriors, known_of, told
 from eitbench.benchmark.ceiling.figures import summary, write_record
 from eitbench.benchmark.findings.uncertainty import read_uncertainty
 from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.reports.tables import ceiling
 from eitbench.reports.tables.boards import note, printed_boards
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import Suite, load_suite, scenario_by_name
@@ -62,6 +63,28 @@ def test_clean_frames_are_those_of_70_db() -> None:
     assert (found.name, found.noise.test) == ("few-clean-at-70db", 70)
     assert found.phantom_stream == "few-clean"
     assert told(FAST) is FAST
+
+
+def test_runs_whose_frames_are_gone_leave_the_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    level = scenario_by_name("noise-30db")
+    runs = [{"command": str(version), "sampler": {"version": version}} for version in (0, 2)]
+    monkeypatch.setattr(figures, "recorded_runs", lambda suite: runs)
+    kept = write_record(tmp_path / "draws", "noise", [level], 2, tmp_path, record=True)
+    assert set(kept["version"]) == {2}
+    about = json.loads((tmp_path / "noise.json").read_text())
+    assert [made["command"] for made in about["earlier"]] == ["2"]
+
+
+def test_boards_say_where_draws_are_too_sure(monkeypatch: pytest.MonkeyPatch) -> None:
+    columns = ["psnr", "ssim", "cc", "rie", "localisation_mm"]
+    board = [{"scenario": "n", "data_hash": "h", "method": "noser"}]
+    for ranks, says in (([0.3, 0.5, 0.99, 0.6], "intervals hold 75% of"), ([0.5] * 4, "")):
+        frames = pd.DataFrame(dict.fromkeys(columns, 1.0) | {"rank_x": ranks})
+        monkeypatch.setattr(ceiling, "recorded_frames", lambda *of, frames=frames: frames)
+        (note_of,) = ceiling.ceiling_notes(board)
+        assert ("too sure" in note_of, says in note_of) == (bool(says), True)
 
 
 def test_frames_of_the_record_are_not_drawn_again(
