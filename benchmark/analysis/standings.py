@@ -157,7 +157,7 @@ def _standing(board: Sequence[Entry]) -> Standing:
         ranks, [SIGNIFICANT / 2, 1 - SIGNIFICANT / 2], axis=0, method="inverted_cdf"
     )
     rivals = np.array([board[place].rivals for place in places])
-    pairs = _pairs(cells, rivals, specs[main], value[:, main], drawn[:, :, main], clusters)
+    pairs = compared(cells, rivals, specs[main], value[:, main], drawn[:, :, main], clusters)
     apart = [(pair.first, pair.second) for pair in pairs if pair.p < SIGNIFICANT]
     letters, won = groups(len(cells), apart), weights_won(cells)
     for k, row in enumerate(rows[place] for place in places):
@@ -244,7 +244,7 @@ def _ranks_of_valid(board: Sequence[Entry], by: str | None) -> list[int | None]:
     return [1 + sum(other < key for other in known) if key in known else None for key in keys]
 
 
-def _pairs(
+def compared(
     cells: Sequence[pd.DataFrame],
     rivals: NDArray[np.int64],
     spec: MetricSpec,
@@ -252,7 +252,15 @@ def _pairs(
     drawn: Array,
     clusters: int,
 ) -> list[Pair]:
-    """All pairs of cells by the figure of `spec`: its `value` (k,) and what was `drawn` of it."""
+    """Compare every two cells of the same frames, the best first, by one figure.
+
+    Args:
+        cells: (k,) tables of samples.
+        rivals: (k,) see `adjusted`.
+        spec: of the figure.
+        value: (k,) the figure of each cell.
+        drawn: (b, k) the same of draws of `clusters` clusters, each a session or an object.
+    """
     found = list(combinations(range(len(cells)), 2))
     if not found:
         return []

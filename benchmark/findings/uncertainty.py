@@ -1,20 +1,23 @@
 """What methods state of their uncertainty, judged by the truth: a track of its own.
 
-Only methods that state one are in it, ranked by CRPS. Where no true conductivity is known, as on
-recorded skins, there are figures of the place alone, and the rank is by none. Where the ceiling
-is recorded for frames of a run (`benchmark.ceiling`), its posterior is judged like a method.
+Only methods that state one are in it, ranked by CRPS, with ties as on the board: of paired
+differences, adjusted for all pairs. Where no true conductivity is known, as on recorded skins,
+there are figures of the place alone, and no rank. Where the ceiling is recorded for frames of a run
+(`benchmark.ceiling`), its posterior is judged like a method.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
 import pandas as pd
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
-from eitbench.benchmark.analysis.results import Run
+from eitbench.benchmark.analysis.results import Run, in_order
+from eitbench.benchmark.analysis.standings import SIGNIFICANT, compared, groups
 from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.benchmark.findings.noise import CEILING
 from eitbench.benchmark.metrics.aggregation import aggregate
@@ -61,7 +64,10 @@ class Stated:
     Attributes:
         figures: of `UNCERTAINTY` by name; the interval is NaN where there are too few sessions.
         n: frames.
-        curves: None where no true conductivity is known.
+        curves: None where no true conductivity is known, and of the ceiling.
+        rank: by CRPS among the methods that have all frames; None of others, and of the ceiling.
+        group: letters, of which methods that cannot be told apart share one; "" without a rank, and
+            where there are too few sessions to tell.
     """
 
     scenario: str
@@ -69,6 +75,8 @@ class Stated:
     figures: dict[str, Interval]
     n: int
     curves: Curves | None
+    rank: int | None = None
+    group: str = ""
 
 
 def read_uncertainty(run: Run) -> list[Stated]:
@@ -86,19 +94,51 @@ def read_uncertainty(run: Run) -> list[Stated]:
     found = []
     for scenario in run.scenarios():
         rows = run.samples[run.samples["scenario"] == scenario]
-        track = []
+        track, tables = [], {}
         for method, of in rows.groupby("method", sort=False):
             if of["uncertainty_ms"].notna().any():
                 curves = _curves(run, texts.get((scenario, method)))
                 track.append(Stated(scenario, str(method), _figures(of, names), len(of), curves))
+                tables[str(method)] = in_order(of)
         data = run.manifest.get("data", {}).get(scenario, {})
         known = recorded_frames(scenario, data.get("hash"))
         known = known[known["sample"].isin(rows["sample"])]
         stated = [name for name in names if name in known]
         if track and len(known) and stated:
             found.append(Stated(scenario, CEILING, _figures(known, stated), len(known), None))
-        found += sorted(track, key=_crps)
+        found += _ranked(track, tables)
     return found
+
+
+def _ranked(track: list[Stated], tables: Mapping[str, pd.DataFrame]) -> list[Stated]:
+    """The methods of a scenario, the best first, with their ranks and ties by CRPS.
+
+    Only those that have all frames are ranked: others may have had easier ones.
+    """
+    known = [one for one in track if np.isfinite(_crps(one))]
+    most = max((one.n for one in known), default=0)
+    whole = sorted((one for one in known if one.n == most), key=_crps)
+    crps = [_crps(one) for one in whole]
+    ranked = [
+        replace(one, rank=1 + crps.index(_crps(one)), group=group)
+        for one, group in zip(whole, _ties(whole, tables), strict=True)
+    ]
+    return ranked + sorted((one for one in track if one not in whole), key=_crps)
+
+
+def _ties(whole: list[Stated], tables: Mapping[str, pd.DataFrame]) -> list[str]:
+    """The letters of methods on the same frames, the best first."""
+    cells, spec = [tables[one.method] for one in whole], UNCERTAINTY["crps"]
+    clusters = cells[0]["cluster"].nunique() if cells and "cluster" in cells[0] else 0
+    if clusters < MIN_CLUSTERS:
+        return [""] * len(cells)
+
+    def statistic(counts: Array) -> Array:
+        return np.concatenate([aggregate(cell, [spec], counts) for cell in cells], axis=1)
+
+    value, drawn = once(statistic, len(cells[0])), draw(statistic, cells[0]["cluster"])
+    pairs = compared(cells, np.full(len(cells), len(cells)), spec, value, drawn, clusters)
+    return groups(len(cells), [(two.first, two.second) for two in pairs if two.p < SIGNIFICANT])
 
 
 def _crps(one: Stated) -> float:

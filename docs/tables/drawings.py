@@ -111,9 +111,7 @@ def _acuity() -> Figure:
 
 
 def _uncertainty() -> Figure:
-    return draw_uncertainty(
-        [one for one in stated("noise") if one.scenario in NOISE and one.curves is not None]
-    )
+    return draw_uncertainty([one for one in stated("noise") if one.scenario in NOISE])
 
 
 def _cases(suite: str) -> Figure:

@@ -1,13 +1,14 @@
-"""The track of stated uncertainty: its table, with diagrams of reliability and sparsification."""
+"""The track of stated uncertainty: its table, and diagrams of how far it can be relied on."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
+from eitbench.benchmark.findings.noise import CEILING
 from eitbench.benchmark.findings.uncertainty import Stated, read_uncertainty
 from eitbench.benchmark.metrics.uncertainty import LEVELS, REMOVED, UNCERTAINTY
 from eitbench.reports.figures.style import COLUMN, NOTE, PAGE, line_style, new_figure, plain_label
@@ -23,20 +24,32 @@ if TYPE_CHECKING:
 _MOST = 4
 """Scenarios in a figure, the first and the last among them; the table has all."""
 
+HEADS = ("Scenario", "#", "Method", "Ties", "n")
+"""Of the first columns of the track."""
+
 _WITH_INTERVAL = ("crps", "coverage_95", "place_coverage_95")
 _LEGEND = (
     "Methods that state how sure they are, ranked by CRPS [S/m], a proper score: the lower, the "
-    "better. In parentheses: 95 % intervals over sessions. In 50, 80, 95 %: share of pixels whose "
-    "truth lies within the central interval of that level, among pixels where truth and draws "
+    "better; those that have fewer frames than others have no rank. Methods that share a letter "
+    "cannot be told apart, in paired differences on the same frames. In parentheses: 95 % "
+    "intervals over sessions. In 50, 80, 95 %: share of pixels whose truth lies within the central "
+    "interval of that level, of those where truth and draws "
     "differ. Error / spread: of the draws' mean; 1 is right. AUSE: 0 where the stated deviation "
     "ranks pixels as their errors do. Place in 95 %: share of true places among the 95 % nearest "
     "to the middle of the places drawn, and the median radius of that region."
 )
-_SHOWS = (
-    "Above, the share of truths in central intervals against their level, where the diagonal is "
-    "right, with 95 % interval over sessions at three levels; below, the error left when the least "
-    "sure pixels are left out"
-)
+_SHOWS = {
+    "pixels": "the share of true values of pixels in central intervals against their level, where "
+    "the diagonal is right",
+    "left": "the error left when the least sure pixels are left out",
+    "places": "the same share of true places in regions about the middle of those drawn",
+}
+_AXES = {
+    "pixels": ("Central intervals [%]", "True values in them [%]"),
+    "left": ("Least sure pixels left out [%]", "Error left"),
+    "places": ("Middle regions [%]", "True places in them [%]"),
+}
+_BARS = "Bars, at three levels: 95 % intervals over sessions. The ceiling is at these levels alone."
 
 
 def findings(run: Run) -> list[Finding]:
@@ -45,17 +58,20 @@ def findings(run: Run) -> list[Finding]:
     if not found:
         return []
     grid = [_heads(found), *(_cells(one, found) for one in found)]
-    drawn = [one for one in found if one.curves is not None]
-    wide = draw(drawn) if drawn else None
-    title = "Uncertainty"
-    return [Finding("uncertainty", title, to_table(found), grid, _LEGEND, wide, _SHOWS)]
+    shown = ", then ".join(_SHOWS[kind] for kind in _panels(found))
+    wide = draw(found) if shown else None
+    text = f"From above: {shown}. {_BARS}"
+    return [Finding("uncertainty", "Uncertainty", to_table(found), grid, _LEGEND, wide, text)]
 
 
 def to_table(found: list[Stated]) -> pd.DataFrame:
     """All figures: a row for each scenario and method."""
     rows = []
     for one in found:
-        row: dict[str, object] = {"scenario": one.scenario, "method": one.method, "n": one.n}
+        row: dict[str, object] = {
+            "scenario": one.scenario, "rank": one.rank, "method": one.method, "group": one.group,
+            "n": one.n,
+        }  # fmt: skip
         for name, interval in one.figures.items():
             row[name] = interval.value
             if not math.isnan(interval.low):
@@ -72,11 +88,12 @@ def _shown(found: list[Stated]) -> list[str]:
 
 
 def _heads(found: list[Stated]) -> list[str]:
-    return ["Scenario", "Method", "n", *(UNCERTAINTY[name].heading for name in _shown(found))]
+    return [*HEADS, *(UNCERTAINTY[name].heading for name in _shown(found))]
 
 
 def _cells(one: Stated, found: list[Stated]) -> list[str]:
-    cells = [printable(one.scenario), printable(one.method), str(one.n)]
+    rank, group = "–" if one.rank is None else str(one.rank), one.group or "–"
+    cells = [printable(one.scenario), rank, printable(one.method), group, str(one.n)]
     return cells + [figure_text(one, name) for name in _shown(found)]
 
 
@@ -91,39 +108,44 @@ def figure_text(one: Stated, name: str) -> str:
     return text
 
 
+def _panels(found: list[Stated]) -> list[str]:
+    """The kinds of panels, of `_SHOWS`, that there is something to draw in, from above."""
+    places = any(not math.isnan(one.figures["place_coverage_50"].value) for one in found)
+    curves = any(one.curves is not None for one in found)
+    return ["pixels", "left"] * curves + ["places"] * places
+
+
 def draw(found: list[Stated], width: float = PAGE) -> Figure:
-    """Reliability above and sparsification below, a column for each scenario."""
+    """Reliability of pixels, sparsification and reliability of places: a column for a scenario."""
     scenarios = list(dict.fromkeys(one.scenario for one in found))
     if len(scenarios) > _MOST:
         at = np.linspace(0, len(scenarios) - 1, _MOST).round().astype(int)
         scenarios = [scenarios[k] for k in at]
-    styles = {name: k for k, name in enumerate(dict.fromkeys(one.method for one in found))}
-    figure = new_figure(width, 4.4)
-    grid = figure.subplots(2, len(scenarios), sharey="row", squeeze=False)
+    # Methods keep their colours whether there is a ceiling beside them or not.
+    methods = dict.fromkeys(one.method for one in found if one.method != CEILING)
+    styles = {name: line_style(k) for k, name in enumerate(methods)}
+    styles[CEILING] = {"marker": "D", "color": "black", "ls": "-"}
+    panels = _panels(found)
+    figure = new_figure(width, 0.5 + 1.95 * len(panels))
+    grid = figure.subplots(len(panels), len(scenarios), sharey="row", squeeze=False)
     for column, scenario in enumerate(scenarios):
-        above, below = grid[:, column]
-        above.plot([0, 100], [0, 100], color="0.5", lw=1, ls=":", zorder=1)
-        for one in found:
-            if one.scenario != scenario or one.curves is None:
-                continue
-            style = line_style(styles[one.method])
-            stated, observed = one.curves.reliability()
-            style |= {"ms": 3, "lw": 1.2, "markevery": 4}
-            above.plot(100 * stated, 100 * observed, label=plain_label(one.method), **style)
-            for level in LEVELS:
-                _, low, high = one.figures[f"coverage_{level}"]
-                above.vlines(level, 100 * low, 100 * high, color=style["color"], lw=0.8)
-            by_deviation, _ = np.array(one.curves.sparsified)
-            if by_deviation[0] > 0:
-                left = by_deviation / by_deviation[0]
-                below.plot(100 * REMOVED, left, **style)
-        above.set_title(plain_label(scenario), loc="left")
-        _label(above, "Central interval [%]", "Truths in it [%]" if not column else "")
-        _label(below, "Least sure pixels left out [%]", "Error left" if not column else "")
-        below.set_ylim(0, 1.05)
+        here = [one for one in found if one.scenario == scenario]
+        grid[0, column].set_title(plain_label(scenario), loc="left")
+        for kind, axes in zip(panels, grid[:, column], strict=True):
+            for one in here:
+                _draw_one(axes, kind, one, styles[one.method] | {"ms": 3, "lw": 1.2})
+            axes.set_visible(bool(axes.lines))
+            x, y = _AXES[kind]
+            axes.set_xlabel(x)
+            axes.set_ylabel("" if column else y)
+            axes.grid(alpha=0.25, lw=0.5)
+            if kind == "left":
+                axes.set_ylim(0, 1.05)
+            else:
+                axes.plot([0, 100], [0, 100], color="0.5", lw=1, ls=":", zorder=1)
     handles = {
         text: handle
-        for axes in grid[0]
+        for axes in grid.flat
         for handle, text in zip(*axes.get_legend_handles_labels(), strict=True)
     }
     figure.legend(
@@ -133,7 +155,22 @@ def draw(found: list[Stated], width: float = PAGE) -> Figure:
     return figure
 
 
-def _label(axes: Axes, x: str, y: str) -> None:
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    axes.grid(alpha=0.25, lw=0.5)
+def _draw_one(axes: Axes, kind: str, one: Stated, style: dict[str, Any]) -> None:
+    """One method in a panel of a kind of `_SHOWS`; nothing where it has nothing to show there."""
+    if kind == "left":
+        by_deviation = np.array(one.curves.sparsified[0]) if one.curves else np.zeros(1)
+        if by_deviation[0] > 0:
+            axes.plot(100 * REMOVED, by_deviation / by_deviation[0], markevery=4, **style)
+        return
+    prefix = "coverage_" if kind == "pixels" else "place_coverage_"
+    at_levels = [one.figures[f"{prefix}{level}"] for level in LEVELS]
+    if math.isnan(at_levels[0].value):
+        return
+    if kind == "pixels" and one.curves is not None:
+        x, y = one.curves.reliability()
+        style |= {"markevery": 4}
+    else:
+        x, y = np.array(LEVELS) / 100, np.array([interval.value for interval in at_levels])
+    axes.plot(100 * x, 100 * y, label=plain_label(one.method), **style)
+    for level, (_, low, high) in zip(LEVELS, at_levels, strict=True):
+        axes.vlines(level, 100 * low, 100 * high, color=style["color"], lw=0.8)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.axes import Axes
 
 from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.results import Run, read_run
@@ -152,6 +153,44 @@ def test_every_figure_has_an_interval_over_sessions(run: Run) -> None:
     assert found.figures["error_over_spread"].value == pytest.approx(np.sqrt(squares))
 
 
+def _of_sessions(methods: dict[str, np.ndarray]) -> pd.DataFrame:
+    """Samples of 40 sessions of two frames, with the CRPS of each session by method."""
+    return pd.concat(
+        pd.DataFrame({
+            "scenario": "n", "method": method, "sample": range(80), "crps": np.repeat(crps, 2),
+            "cluster": np.repeat([f"s{k}" for k in range(40)], 2), "uncertainty_ms": 1.0,
+        })
+        for method, crps in methods.items()
+    )  # fmt: skip
+
+
+def test_methods_are_tied_unless_paired_differences_tell_them_apart(run: Run) -> None:
+    """All four differ far less than sessions do; only pairs on the same frames show which do."""
+    rng = np.random.default_rng(4)
+    sessions, noise = rng.uniform(1, 9, 40), rng.standard_normal((4, 40))
+    rows = _of_sessions({
+        "noser": sessions + 0.05 + 0.01 * noise[0],
+        "deviates": sessions + 0.01 * noise[1],
+        "refuses": sessions + 0.001 + 0.01 * noise[2],
+        "greit": np.full(40, np.nan),
+    })  # fmt: skip
+    found = read_uncertainty(replace(run, samples=rows))
+    assert {one.method: one.rank for one in found[:3]} == {"deviates": 1, "refuses": 2, "noser": 3}
+    groups = {one.method: one.group for one in found}
+    assert groups == {"deviates": "a", "refuses": "a", "noser": "b", "greit": ""}
+    assert found[-1].rank is None
+
+    few = rows[rows["cluster"].isin([f"s{k}" for k in range(9)])]
+    assert {one.group for one in read_uncertainty(replace(run, samples=few))} == {""}
+    # The best of all, but on half of the frames: a figure without a rank, below those with one.
+    part = rows[(rows["method"] != "deviates") | (rows["sample"] < 40)]
+    order = [
+        (one.method, one.rank, one.group) for one in read_uncertainty(replace(run, samples=part))
+    ]
+    assert order[:2] == [("refuses", 1, "a"), ("noser", 2, "b")]
+    assert ("deviates", None, "") in order[2:]
+
+
 def test_an_uncertainty_that_fails_costs_the_frame(run: Run) -> None:
     for name, status, message in (
         ("fails", "error", "OSError: no idea"),
@@ -180,7 +219,7 @@ def test_the_ceiling_is_judged_like_a_method(run: Run, records: Path) -> None:
     records.mkdir()
     rows = [
         {"scenario": "n", "sample": sample, "mse": 1e-3, "crps": 10.0 * (k + 1),
-         "coverage_95": 0.95, "cluster": f"c{k}"}
+         "coverage_50": 0.4, "coverage_80": 0.7, "coverage_95": 0.95, "cluster": f"c{k}"}
         for k, sample in enumerate([0, 1, 2, 1_000])
     ]  # fmt: skip
     pd.DataFrame(rows).to_csv(records / "n.csv", index=False)
@@ -191,6 +230,44 @@ def test_the_ceiling_is_judged_like_a_method(run: Run, records: Path) -> None:
     first = read_uncertainty(run)[0]
     assert (first.method, first.n, first.curves) == (CEILING, 3, None)
     assert first.figures["crps"].value == pytest.approx(20)  # first without being the best
+    assert (first.rank, first.group) == (None, "")
+    (finding,) = findings(run)
+    assert finding.grid[1][:5] == ["n", "–", CEILING, "–", "3"]
+    assert finding.figure is not None
+    # Its reliability is known at the three levels, and the sparsified error is not.
+    pixels, left, places = finding.figure.axes
+    assert [CEILING in labels(axes) for axes in (pixels, left, places)] == [True, False, False]
+    np.testing.assert_allclose(line(pixels, CEILING)[1], [40, 70, 95])
+
+
+def labels(axes: Axes) -> list[str]:
+    return [str(line.get_label()) for line in axes.lines]
+
+
+def line(axes: Axes, label: str) -> tuple[np.ndarray, np.ndarray]:
+    (found,) = (of for of in axes.lines if of.get_label() == label)
+    return np.asarray(found.get_xdata()), np.asarray(found.get_ydata())
+
+
+def test_places_have_a_diagram_of_reliability(run: Run) -> None:
+    (finding,) = findings(run)
+    assert finding.figure is not None
+    places = finding.figure.axes[-1]
+    assert "noser" in labels(places)
+    assert "deviates" not in labels(places)  # states no place
+    found = {one.method: one for one in read_uncertainty(run)}["noser"].figures
+    x, y = line(places, "noser")
+    assert x.tolist() == pytest.approx(LEVELS)
+    assert y / 100 == pytest.approx([found[f"place_coverage_{k}"].value for k in LEVELS])
+    # On skins, where no true conductivity is known, it is the only one.
+    pixels = [name for name in UNCERTAINTY if not name.startswith("place") and name[-2:] != "ms"]
+    skin = replace(
+        run, samples=run.samples.drop(columns=pixels), cells=run.cells.assign(uncertainty="")
+    )
+    (finding,) = findings(skin)
+    assert finding.figure is not None
+    (only,) = finding.figure.axes
+    assert only.get_ylabel() == places.get_ylabel()
 
 
 def test_tables_and_figure_show_the_track(run: Run, tmp_path: Path) -> None:
