@@ -8,7 +8,7 @@ from docs.tables.record import printed, record
 from eitbench.benchmark.findings.noise import CEILING
 from eitbench.benchmark.findings.uncertainty import Stated, read_uncertainty
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
-from eitbench.reports.findings.uncertainty import HEADS, figure_text
+from eitbench.reports.findings.uncertainty import figure_text, first_columns
 
 _PIXELS = (
     "crps", "coverage_50", "coverage_80", "coverage_95", "sharpness", "error_over_spread", "ause",
@@ -29,15 +29,22 @@ def stated(suite: str) -> list[Stated]:
 
 
 def _table(suite: str, names: tuple[str, ...], scenarios: tuple[str, ...]) -> str:
-    heads = [*HEADS, *(UNCERTAINTY[name].heading for name in names)]
-    rows = [
-        [one.scenario, str(one.rank or "–"),
-         "*ceiling*" if one.method == CEILING else f"`{one.method}`",
-         one.group or "–", str(one.n), *(figure_text(one, name) for name in names)]
+    found = [
+        one
         for one in stated(suite)
         if one.scenario in scenarios and not math.isnan(one.figures[names[-1]].value)
-    ]  # fmt: skip
-    return printed(heads, rows, [False, True, False, False, *[True] * (len(heads) - 4)])
+    ]
+    rows = []
+    for one in found:
+        method = "*ceiling*" if one.method == CEILING else f"`{one.method}`"
+        rows.append(first_columns(one, found, method))
+    texts = {"Scenario", "Method", "Ties"}
+    right = [*(name not in texts for name in rows[0]), *[True] * len(names)]
+    grid = [
+        [*first.values(), *(figure_text(one, name) for name in names)]
+        for first, one in zip(rows, found, strict=True)
+    ]
+    return printed([*rows[0], *(UNCERTAINTY[name].heading for name in names)], grid, right)
 
 
 def _skins() -> str:

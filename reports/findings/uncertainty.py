@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 _MOST = 4
 """Scenarios in a figure, the first and the last among them; the table has all."""
 
-HEADS = ("Scenario", "#", "Method", "Ties", "n")
-"""Of the first columns of the track."""
-
 _WITH_INTERVAL = ("crps", "coverage_95", "place_coverage_95")
 _LEGEND = (
     "Methods that state how sure they are, ranked by CRPS [S/m], a proper score: the lower, the "
@@ -88,13 +85,24 @@ def _shown(found: list[Stated]) -> list[str]:
 
 
 def _heads(found: list[Stated]) -> list[str]:
-    return [*HEADS, *(UNCERTAINTY[name].heading for name in _shown(found))]
+    first = first_columns(found[0], found, "")
+    return [*first, *(UNCERTAINTY[name].heading for name in _shown(found))]
 
 
 def _cells(one: Stated, found: list[Stated]) -> list[str]:
-    rank, group = "–" if one.rank is None else str(one.rank), one.group or "–"
-    cells = [printable(one.scenario), rank, printable(one.method), group, str(one.n)]
-    return cells + [figure_text(one, name) for name in _shown(found)]
+    first = first_columns(one, found, one.method)
+    return [*map(printable, first.values()), *(figure_text(one, name) for name in _shown(found))]
+
+
+def first_columns(one: Stated, found: list[Stated], method: str) -> dict[str, str]:
+    """What stands before the figures of a row by heading; no rank where nothing is ranked."""
+    columns = {
+        "Scenario": one.scenario, "#": str(one.rank or "–"), "Method": method,
+        "Ties": one.group or "–", "n": str(one.n),
+    }  # fmt: skip
+    if all(other.rank is None for other in found):
+        del columns["#"], columns["Ties"]
+    return columns
 
 
 def figure_text(one: Stated, name: str) -> str:

@@ -268,6 +268,7 @@ def test_places_have_a_diagram_of_reliability(run: Run) -> None:
     assert finding.figure is not None
     (only,) = finding.figure.axes
     assert only.get_ylabel() == places.get_ylabel()
+    assert finding.grid[0][:3] == ["Scenario", "Method", "n"]  # nothing is ranked
 
 
 def test_tables_and_figure_show_the_track(run: Run, tmp_path: Path) -> None:
