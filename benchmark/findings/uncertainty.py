@@ -1,9 +1,9 @@
 """What methods state of their uncertainty, judged by the truth: a track of its own.
 
-Only methods that state one are in it, ranked by CRPS, with ties as on the board: of paired
-differences, adjusted for all pairs. Where no true conductivity is known, as on recorded skins,
-there are figures of the place alone, and no rank. Where the ceiling is recorded for frames of a run
-(`benchmark.ceiling`), its posterior is judged like a method.
+Only methods that state one are in it, ranked by CRPS, with ties by the test of the board: of paired
+differences, adjusted for all pairs of the methods that are ranked here. Where no true conductivity
+is known, as on recorded skins, there are figures of the place alone, and no rank. Where the ceiling
+is recorded for frames of a run (`benchmark.ceiling`), its posterior is judged like a method.
 """
 
 from __future__ import annotations

@@ -30,23 +30,26 @@ _LEGEND = (
     "better; those that have fewer frames than others have no rank. Methods that share a letter "
     "cannot be told apart, in paired differences on the same frames. In parentheses: 95 % "
     "intervals over sessions. In 50, 80, 95 %: share of pixels whose truth lies within the central "
-    "interval of that level, of those where truth and draws "
-    "differ. Error / spread: of the draws' mean; 1 is right. AUSE: 0 where the stated deviation "
-    "ranks pixels as their errors do. Place in 95 %: share of true places among the 95 % nearest "
-    "to the middle of the places drawn, and the median radius of that region."
+    "interval of that level, of those where truth and draws differ. Error / spread: of the draws' "
+    "mean; 1 is right. AUSE: 0 where the stated deviation ranks pixels as their errors do. Place "
+    "in 95 %: share of true places among the 95 % nearest to the middle of the places drawn, and "
+    "the median radius of that region."
 )
 _SHOWS = {
-    "pixels": "the share of true values of pixels in central intervals against their level, where "
-    "the diagonal is right",
+    "pixels": "the share of true values of pixels in central intervals against their level",
     "left": "the error left when the least sure pixels are left out",
-    "places": "the same share of true places in regions about the middle of those drawn",
+    "places": "the share of true places in regions about the middle of those drawn, against their "
+    "level",
 }
 _AXES = {
     "pixels": ("Central intervals [%]", "True values in them [%]"),
     "left": ("Least sure pixels left out [%]", "Error left"),
     "places": ("Middle regions [%]", "True places in them [%]"),
 }
-_BARS = "Bars, at three levels: 95 % intervals over sessions. The ceiling is at these levels alone."
+_HOW = (
+    "In the figure, statements are right on dotted lines. Bars: 95 % intervals over sessions, at "
+    "three levels; places, and the ceiling where there is one, are at these levels alone."
+)
 
 
 def findings(run: Run) -> list[Finding]:
@@ -55,10 +58,11 @@ def findings(run: Run) -> list[Finding]:
     if not found:
         return []
     grid = [_heads(found), *(_cells(one, found) for one in found)]
-    shown = ", then ".join(_SHOWS[kind] for kind in _panels(found))
-    wide = draw(found) if shown else None
-    text = f"From above: {shown}. {_BARS}"
-    return [Finding("uncertainty", "Uncertainty", to_table(found), grid, _LEGEND, wide, text)]
+    panels = _panels(found)
+    wide = draw(found) if panels else None
+    shows = "From above: " + ", then ".join(_SHOWS[kind] for kind in panels)
+    legend = f"{_LEGEND} {_HOW}" if panels else _LEGEND
+    return [Finding("uncertainty", "Uncertainty", to_table(found), grid, legend, wide, shows)]
 
 
 def to_table(found: list[Stated]) -> pd.DataFrame:

@@ -165,7 +165,7 @@ def _of_sessions(methods: dict[str, np.ndarray]) -> pd.DataFrame:
 
 
 def test_methods_are_tied_unless_paired_differences_tell_them_apart(run: Run) -> None:
-    """All four differ far less than sessions do; only pairs on the same frames show which do."""
+    """Methods differ far less than sessions do; only pairs on the same frames show which do."""
     rng = np.random.default_rng(4)
     sessions, noise = rng.uniform(1, 9, 40), rng.standard_normal((4, 40))
     rows = _of_sessions({
@@ -268,6 +268,7 @@ def test_places_have_a_diagram_of_reliability(run: Run) -> None:
     assert finding.figure is not None
     (only,) = finding.figure.axes
     assert only.get_ylabel() == places.get_ylabel()
+    assert finding.shows.startswith("From above: the share of true places")
     assert finding.grid[0][:3] == ["Scenario", "Method", "n"]  # nothing is ranked
 
 
