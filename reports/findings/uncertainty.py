@@ -60,7 +60,10 @@ def findings(run: Run) -> list[Finding]:
     grid = [_heads(found), *(_cells(one, found) for one in found)]
     panels = _panels(found)
     wide = draw(found) if panels else None
-    shows = "From above: " + ", then ".join(_SHOWS[kind] for kind in panels)
+    shows = ", then ".join(_SHOWS[kind] for kind in panels)
+    if len(panels) > 1:
+        several = len({one.scenario for one in found}) > 1
+        shows = f"From {'above' if several else 'the left'}: {shows}"
     legend = f"{_LEGEND} {_HOW}" if panels else _LEGEND
     return [Finding("uncertainty", "Uncertainty", to_table(found), grid, legend, wide, shows)]
 
@@ -121,14 +124,17 @@ def figure_text(one: Stated, name: str) -> str:
 
 
 def _panels(found: list[Stated]) -> list[str]:
-    """The kinds of panels, of `_SHOWS`, that there is something to draw in, from above."""
+    """The kinds of panels, of `_SHOWS`, that there is something to draw in, in their order."""
     places = any(not math.isnan(one.figures["place_coverage_50"].value) for one in found)
     curves = any(one.curves is not None for one in found)
     return ["pixels", "left"] * curves + ["places"] * places
 
 
 def draw(found: list[Stated], width: float = PAGE) -> Figure:
-    """Reliability of pixels, sparsification and reliability of places: a column for a scenario."""
+    """Reliability of pixels, sparsification and reliability of places.
+
+    Scenarios have a column each; the panels of a single one stand side by side.
+    """
     scenarios = list(dict.fromkeys(one.scenario for one in found))
     if len(scenarios) > _MOST:
         at = np.linspace(0, len(scenarios) - 1, _MOST).round().astype(int)
@@ -137,9 +143,11 @@ def draw(found: list[Stated], width: float = PAGE) -> Figure:
     methods = dict.fromkeys(one.method for one in found if one.method != CEILING)
     styles = {name: line_style(k) for k, name in enumerate(methods)}
     styles[CEILING] = {"marker": "D", "color": "black", "ls": "-"}
-    panels = _panels(found)
-    figure = new_figure(width, 0.5 + 1.95 * len(panels))
-    grid = figure.subplots(len(panels), len(scenarios), sharey="row", squeeze=False)
+    panels, several = _panels(found), len(scenarios) > 1
+    rows, columns = (len(panels), len(scenarios)) if several else (1, len(panels))
+    figure = new_figure(width, 0.5 + 1.95 * rows)
+    grid = figure.subplots(rows, columns, sharey="row" if several else "none", squeeze=False)
+    grid = grid if several else grid.T
     for column, scenario in enumerate(scenarios):
         here = [one for one in found if one.scenario == scenario]
         grid[0, column].set_title(plain_label(scenario), loc="left")
@@ -152,7 +160,7 @@ def draw(found: list[Stated], width: float = PAGE) -> Figure:
             axes.set_ylabel("" if column else y)
             axes.grid(alpha=0.25, lw=0.5)
             if kind == "left":
-                axes.set_ylim(0, 1.05)
+                axes.set_ylim(bottom=0)
             else:
                 axes.plot([0, 100], [0, 100], color="0.5", lw=1, ls=":", zorder=1)
     handles = {

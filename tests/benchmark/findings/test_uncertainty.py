@@ -268,16 +268,19 @@ def test_places_have_a_diagram_of_reliability(run: Run) -> None:
     assert finding.figure is not None
     (only,) = finding.figure.axes
     assert only.get_ylabel() == places.get_ylabel()
-    assert finding.shows.startswith("From above: the share of true places")
+    assert finding.shows.startswith("the share of true places")
     assert finding.grid[0][:3] == ["Scenario", "Method", "n"]  # nothing is ranked
 
 
 def test_tables_and_figure_show_the_track(run: Run, tmp_path: Path) -> None:
     (finding,) = findings(run)
+    # One scenario: the panels stand side by side, and its alternative text says so.
+    assert finding.figure is not None
+    assert len({axes.get_position().y0 for axes in finding.figure.axes}) == 1
+    assert finding.shows.startswith("From the left: the share of true values")
     assert finding.table["method"].tolist() == [one.method for one in read_uncertainty(run)]
     assert {*UNCERTAINTY} <= {*finding.table.columns}
     assert len({len(row) for row in finding.grid}) == 1
-    assert finding.figure is not None
     written = {path.name for path in finding.write(tmp_path, tmp_path)}
     assert {"uncertainty.md", "uncertainty.csv", "uncertainty.png"} <= written
     assert findings(replace(run, cells=run.cells.drop(columns="uncertainty"))) == []
