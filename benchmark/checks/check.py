@@ -88,9 +88,7 @@ def check_method(name: str, *, plugin: Path | None = None, limit_s: float = LIMI
     return CheckReport("method", name, where, results, len(METHOD_CHECKS) - len(results))
 
 
-def check_place_method(
-    name: str, *, plugin: Path | None = None, limit_s: float = LIMIT_S
-) -> CheckReport:
+def check_place_method(name: str, *, plugin: Path | None = None) -> CheckReport:
     """Run every check on the method of places `name`; see `check_method`.
 
     Raises:
@@ -99,7 +97,7 @@ def check_place_method(
     if plugin is None and name not in (known := PLACE_REGISTRY.known()):
         raise unknown_name("place method", name, known)
     with tempfile.TemporaryDirectory() as folder:
-        tested = PlaceUnderTest(name, plugin, limit_s, Path(folder))
+        tested = PlaceUnderTest(name, plugin, LIMIT_S, Path(folder))
         try:
             expected = _expected_failures(tested.worker, name, PLACE_CHECKS)
             results = run_checks(PLACE_CHECKS, lambda check: check(tested), expected)
@@ -132,13 +130,8 @@ def _expected_failures(
     return expected
 
 
-def check_operator(
-    name: str, *, plugin: Path | None = None, limit_s: float = LIMIT_S
-) -> CheckReport:
+def check_operator(name: str, *, plugin: Path | None = None) -> CheckReport:
     """Run every check on the operator `name`, taken from the file `plugin` if one is given.
-
-    Args:
-        limit_s: seconds that making it, and each check, may take.
 
     Raises:
         InputError: an unknown operator (the nearest name is suggested).
@@ -146,7 +139,7 @@ def check_operator(
     if plugin is None and name not in (known := operators()):
         raise unknown_name("operator", name, known)
     with tempfile.TemporaryDirectory() as folder:
-        worker = CheckWorker(OperatorCheckService(name, plugin), limit_s, Path(folder) / "log")
+        worker = CheckWorker(OperatorCheckService(name, plugin), LIMIT_S, Path(folder) / "log")
         try:
             height, width = answer_of(tuple[int, int], worker.renew(), "set-up")
             where = f"{SMALL.sensor}, {height} x {width}"

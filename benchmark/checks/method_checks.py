@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark.checks.harness import GivenUpError, SkippedError, require
 from eitbench.benchmark.checks.method_under_test import (
     CONTRAST,
+    GAIN,
     MEMORY_MIB,
     MethodUnderTest,
     disc,
@@ -46,9 +47,6 @@ MOVED = 0.01
 The voltages are moved exactly and the mesh is symmetric to 1e-6, so that what remains is rounding:
 methods without float32 are off by 1e-12, an electrode or a sign taken wrongly by about 1.
 """
-
-GAIN = 1000.0
-"""Between V/A and the units of a board: to the numbers that recorded sets hold, about."""
 
 LATER_DB = 30.0
 """SNR of a reference frame that is measured after the fit: what is kept of the first one shows."""
@@ -361,7 +359,7 @@ def uncertainty(tested: MethodUnderTest) -> str:
         abs(ratio - 1) <= allowed,
         f"deviations of a frame behind another one are {ratio:.3g} times as large as alone.",
     )
-    ratio = ratio_to(tested.stated_in_other_units("uncertainty", tested.contact, GAIN))
+    ratio = ratio_to(tested.stated_in_other_units("uncertainty", tested.contact))
     require(
         abs(ratio - 1) <= OTHER_DRAWS,
         f"deviations of the same frame in other units ({GAIN:g} per V/A) are {ratio:.3g} times as "
@@ -401,7 +399,7 @@ def novelty(tested: MethodUnderTest) -> str:
         moved <= SAME_FRAME,
         f"scores of a batch and of its single frames differ by up to {moved:.2g} of the largest.",
     )
-    moved = apart([tested.stated_in_other_units("novelty", frames, GAIN)])
+    moved = apart([tested.stated_in_other_units("novelty", frames)])
     require(
         moved <= SAME_FRAME,
         f"scores of the same frames in other units ({GAIN:g} per V/A) differ by up to {moved:.2g} "

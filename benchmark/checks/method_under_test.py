@@ -50,6 +50,9 @@ SCENARIO = SimulatedScenario(
 # For methods that exist for certain sensors only, such as those that weights were trained for.
 OWN_GRID = SCENARIO.model_copy(update={"image_shape": None, "conductivity_range": None})
 
+GAIN = 1000.0
+"""Between V/A and the units of a board: to the numbers that recorded sets hold, about."""
+
 CONTRAST = 0.5
 """Fall of conductivity inside the contact that most checks show."""
 
@@ -176,11 +179,9 @@ class MethodUnderTest:
         stated: NDArray[np.float32] | None = said.get(what) if isinstance(said, dict) else None
         return stated
 
-    def stated_in_other_units(
-        self, what: Statement, frames: Frames, gain: float
-    ) -> NDArray[np.float32]:
-        """Return what another instance states of `frames`, all of whose units are `gain` larger."""
-        said = answered(self.worker.request("state_in_other_units", frames, gain))
+    def stated_in_other_units(self, what: Statement, frames: Frames) -> NDArray[np.float32]:
+        """Return what another instance states of `frames`, all of whose units are `GAIN` larger."""
+        said = answered(self.worker.request("state_in_other_units", frames, GAIN))
         stated: NDArray[np.float32] = said[what]
         return stated
 

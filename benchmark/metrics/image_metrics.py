@@ -134,12 +134,10 @@ def image_figures(
     estimate: ArrayLike,
     data_range: float,
     mask: Mask | None = None,
-    *,
-    window: int = WINDOW,
 ) -> dict[str, Array]:
     """SSIM, CC, RIE and PSNR (n,) by name; arguments and errors as for `ssim` and `rie`."""
     return {
-        "ssim": ssim(truth, estimate, data_range, mask, window=window),
+        "ssim": ssim(truth, estimate, data_range, mask),
         "cc": cc(truth, estimate, mask),
         "rie": rie(truth, estimate, mask),
         "psnr": psnr(truth, estimate, data_range, mask),

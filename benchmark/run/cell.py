@@ -52,10 +52,10 @@ def run_cell(
     task: CellTask,
     progress: Advance,
     stop: threading.Event,
-    core: int | None = None,
+    core: int | None,
     *,
-    calm_ms: float | None = None,
-    isolate: bool = False,
+    calm_ms: float | None,
+    isolate: bool,
 ) -> None:
     """Run the batches that are not stored yet, then score the cell; whatever it does is a row.
 

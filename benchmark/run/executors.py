@@ -208,7 +208,7 @@ class DaskExecutor(Executor):
 
 @contextmanager
 def executor(
-    jobs: int, scheduler: str | None, isolate: bool, calm_ms: float | None = None
+    jobs: int, scheduler: str | None, isolate: bool, calm_ms: float | None
 ) -> Iterator[Executor]:
     """Yield the executor: this machine with `jobs` cells at a time, or a cluster.
 

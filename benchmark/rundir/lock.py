@@ -6,7 +6,8 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.storage.files import writing
 
 FILE_NAME = ".lock"
 
@@ -24,14 +25,13 @@ def locked(run: Path) -> Iterator[None]:
     """
     path = run / FILE_NAME
     lock = FileLock(path, timeout=0)
-    try:
-        lock.acquire()
-    except Timeout as error:
-        raise InputError(
-            f"Another process is working on {run}: wait until it has ended, or end it."
-        ) from error
-    except OSError as error:
-        raise EitbenchError(f"Could not write {path}: {error.strerror or error}.") from error
+    with writing(path):
+        try:
+            lock.acquire()
+        except Timeout as error:
+            raise InputError(
+                f"Another process is working on {run}: wait until it has ended, or end it."
+            ) from error
     try:
         yield
     finally:

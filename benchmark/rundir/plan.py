@@ -1,6 +1,5 @@
 """The plan of a run: a suite, and the methods, scenarios and samples chosen of it."""
 
-import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from eitbench.methods.registry import (
     source_hash,
 )
 from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.storage.files import sha256_of
 from eitbench.scenarios.storage.limits import check_regular
 from eitbench.scenarios.suites.suite import Suite
 
@@ -166,7 +166,7 @@ def read_resumable(run: Path) -> tuple[Manifest, Plan]:
     manifest = read(run)
     plan = plan_of(manifest, run, _Resumable)
     for plugin in plan.plugins:
-        if not plugin.path.is_file() or sha256(plugin.path) != plugin.sha256:
+        if not plugin.path.is_file() or sha256_of(plugin.path) != plugin.sha256:
             raise InputError(
                 f"{run} cannot be resumed: the plugin {plugin.path} has changed. Start a new run."
             )
@@ -228,7 +228,7 @@ def make_plan(
                 )
         sources = tuple(map("\n".join, offered.values()))
         files.append(
-            PluginFile(path=path, sha256=sha256(path), names=tuple(offered), sources=sources)
+            PluginFile(path=path, sha256=sha256_of(path), names=tuple(offered), sources=sources)
         )
     own = [name for file in files for name in file.names]
     known |= set(own)
@@ -301,9 +301,3 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _small_file(path: Path) -> bytes:
     check_regular(path)
     return read_json_file(path)
-
-
-def sha256(path: Path) -> str:
-    """Return the SHA-256 (hex) of the file at `path`."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -6,7 +6,6 @@ it is answered, and every finished cell (scenario x method, or x operator) adds 
 appears whole or not at all.
 """
 
-import hashlib
 import json
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -24,8 +23,9 @@ from eitbench.benchmark.rundir.kinds import RunKind
 from eitbench.benchmark.rundir.plan import PluginFile
 from eitbench.benchmark.rundir.run_arrays import Truth, write_arrays
 from eitbench.benchmark.rundir.tables import read_parquet, write_parquet
-from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.files import sha256_of, writing
 
 SAMPLES = "samples.parquet"
 TRACKS = "tracks.parquet"
@@ -44,7 +44,7 @@ class RunStore:
         self.path = path
         self.kind = kind
         there = (path / "parts").rglob("*")
-        self._digests = {part: _digest(part) for part in there if part.is_file()}
+        self._digests = {part: sha256_of(part) for part in there if part.is_file()}
 
     @classmethod
     def create(cls, path: Path, kind: RunKind) -> "RunStore":
@@ -61,7 +61,7 @@ class RunStore:
                 f"The output folder {path} is not empty: choose another with --out, or continue "
                 f"a run in it with `eitbench run --resume {path}`."
             )
-        with _as_sentence(path):
+        with writing(path):
             (path / "logs").mkdir(parents=True, exist_ok=True)
         return cls(path, kind)
 
@@ -153,7 +153,7 @@ class RunStore:
 
     def _check_own(self, path: Path) -> None:
         """Refuse a part that something else has written: a plugin runs as the same user."""
-        if self._digests.get(path) != _digest(path):
+        if self._digests.get(path) != sha256_of(path):
             raise ValueError("it was changed by something else than this run")
 
     def assemble(self, cells: Sequence[Cell], truths: Mapping[str, Truth]) -> None:
@@ -217,15 +217,10 @@ class RunStore:
                 part.write_bytes(content)
             else:
                 content(part)
-            self._digests[path] = _digest(part)
+            self._digests[path] = sha256_of(part)
 
-        with _as_sentence(path):
+        with writing(path):
             atomic_write(path, write)
-
-
-def _digest(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").digest()
 
 
 def _concatenate(tables: list[pd.DataFrame]) -> pd.DataFrame:
@@ -253,13 +248,3 @@ def _damage_as_sentence(path: Path) -> Iterator[None]:
         raise DataCorruptError(
             f"{path} cannot be read ({reason}): delete it and resume the run."
         ) from error
-
-
-@contextmanager
-def _as_sentence(path: Path) -> Iterator[None]:
-    """Turn an error of the file system into one sentence."""
-    try:
-        yield
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise EitbenchError(f"Could not write {path}: {reason}.") from error

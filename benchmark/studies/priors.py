@@ -30,7 +30,6 @@ MATCHED, UNSEEN, CLEAN = "noise-50db", "shapes", "noise-clean"
 """Scenarios: with the families of the training, with other shapes, and without noise."""
 CLASSICAL = ("tikhonov", "noser", "laplacian", "greit", "tv")
 NETWORKS, RIVAL = ("dnn", "phydnn", "learned-gn"), "tv"
-SAMPLES = 120
 WIDE = (0.05, 20.0)
 """A conductivity range that says nothing of the sign of a touch, in multiples of the background."""
 WRONG_IMPEDANCE = 10.0
@@ -75,7 +74,7 @@ PRIORS: Mapping[str, Callable[[Told, str], Told]] = {
 PHANTOMS = "training phantoms"
 
 
-def worth_of_priors(*, samples: int = SAMPLES, jobs: int = 1) -> pd.DataFrame:
+def worth_of_priors(*, samples: int, jobs: int = 1) -> pd.DataFrame:
     """Measure the score S with and without each prior.
 
     Returns:

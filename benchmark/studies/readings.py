@@ -30,7 +30,6 @@ from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.suites.suite import load_suite
 
 FILE_NAME = "readings.json"
-SAMPLES = 120
 """Test samples that are read by default: TV takes seconds for some frames that are read wrongly."""
 
 AXES: Mapping[str, Callable[[Array], Array]] = {
@@ -158,7 +157,7 @@ def read_images(
 
 
 def published_readings(
-    rows: Mapping[str, Mapping[str, float]], *, samples: int = SAMPLES, jobs: int = 1
+    rows: Mapping[str, Mapping[str, float]], *, samples: int, jobs: int = 1
 ) -> pd.DataFrame:
     """Score every reading of the images of classical methods on the scenario "paper".
 

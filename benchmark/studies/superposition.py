@@ -20,6 +20,7 @@ from eitbench.benchmark.findings.two_touch import told_apart
 from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES
 from eitbench.benchmark.metrics.tactile import distances
 from eitbench.benchmark.rundir.manifest import git_commit, now, versions
+from eitbench.methods.places.kernel_ridge import gaussian
 from eitbench.scenarios.arrays import Array, Mask
 from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.descriptors import contact_places
@@ -56,13 +57,8 @@ class Directions:
 
     def __call__(self, places: Array) -> Array:
         """Directions (k, M) at `places` (k, 2) [m]."""
-        found = _kernel(places, self.places) @ self.weights
+        found = gaussian(_LENGTH, places, self.places) @ self.weights
         return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
-
-
-def _kernel(a: Array, b: Array) -> Array:
-    apart = np.linalg.norm(a[:, None] - b[None], axis=2)
-    return np.asarray(np.exp(-(apart**2) / (2 * _LENGTH**2)))
 
 
 def learned_directions(places: Array, change: Array) -> Directions:
@@ -70,7 +66,7 @@ def learned_directions(places: Array, change: Array) -> Directions:
     size = np.median(np.abs(change), axis=0)
     scaled = change / size
     unit = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
-    system = _kernel(places, places) + _RIDGE * np.eye(len(places))
+    system = gaussian(_LENGTH, places, places) + _RIDGE * np.eye(len(places))
     return Directions(places, np.linalg.solve(system, unit), size)
 
 

@@ -33,7 +33,6 @@ from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.cells import Cell
 from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.benchmark.rundir.plan import sha256
 from eitbench.benchmark.rundir.run_arrays import read_validation, rounded_images
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS, RunStore
 from eitbench.benchmark.submissions.check import Check
@@ -42,6 +41,7 @@ from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.files import sha256_of
 
 REPRODUCED = "reproduced.json"
 """Beside the run directories: what was run again, by digest."""
@@ -78,7 +78,7 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     run, name, scenario = submission.run, entry["name"], entry["scenario"]
     data, plugin = submission.data[scenario], submission.plan.origins.get(name)
     copy = None if plugin is None else run.path / plugin.kept
-    if plugin is not None and not (copy and copy.is_file() and sha256(copy) == plugin.sha256):
+    if plugin is not None and not (copy and copy.is_file() and sha256_of(copy) == plugin.sha256):
         return "The run directory lacks a copy of the method's plugin: run the suite again."
     if plugin is None and name not in METHOD_REGISTRY.known():
         return f"The package that {name!r} comes from is not installed here: install it."
@@ -243,7 +243,7 @@ def digest(run: Path) -> str:
     # A run of operators has no rows of methods.
     paths = [path for name in names if (path := run / name).is_file()]
     paths += sorted((run / "plugins").glob("*.py"))
-    return hashlib.sha256("".join(map(sha256, paths)).encode()).hexdigest()
+    return hashlib.sha256("".join(map(sha256_of, paths)).encode()).hexdigest()
 
 
 def note_reproduced(submission: Submission, n: int) -> Path:

@@ -24,13 +24,13 @@ from eitbench.benchmark.run.tracks import cell_entries
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.folder import unknown_entries
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.benchmark.rundir.plan import sha256
 from eitbench.benchmark.rundir.run_arrays import TRUTH, names_in
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import columns_of
 from eitbench.benchmark.submissions.statement import STATEMENT, read_statement, unfilled
 from eitbench.benchmark.submissions.submission import FILES, FOLDER, Submission, rows_of
 from eitbench.methods.registry import METHOD_REGISTRY, usable_name
+from eitbench.scenarios.storage.files import sha256_of
 from eitbench.scenarios.suites.suite import load_suite, suites
 
 CONDITIONS = ("calibration_ms", "calibration_spread", "load", "cpu_mhz")
@@ -69,7 +69,7 @@ def holds_nothing_else(of: Submission) -> str:
         )
     for plugin in of.plan.plugins:
         copy = of.run.path / plugin.kept
-        if not copy.is_file() or sha256(copy) != plugin.sha256:
+        if not copy.is_file() or sha256_of(copy) != plugin.sha256:
             return (
                 f"The copy {plugin.kept.as_posix()} of a plugin is missing or was changed: send "
                 "what the run wrote."

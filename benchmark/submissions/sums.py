@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
+
+from eitbench.scenarios.storage.files import sha256_of
 
 SUMS = "SHA256SUMS"
 """Of all records and hidden figures of a version: shows that nobody changed them, with
@@ -43,5 +44,4 @@ def _fit(folder: Path, _state: tuple[tuple[str, int], ...]) -> bool:
 
 
 def _sum_of(path: Path) -> str:
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return f"{digest}  {path.parent.name}/{path.name}\n"
+    return f"{sha256_of(path)}  {path.parent.name}/{path.name}\n"

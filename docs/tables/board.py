@@ -106,10 +106,10 @@ def _gaps() -> str:
     return printed(heads, rows, [False, False, False, False, *[True] * 5, False, False])
 
 
-def _boards(suite: str) -> list[str]:
-    """Lines that `eitbench leaderboard` prints of the newest record of a suite."""
+def _boards() -> list[str]:
+    """Lines that `eitbench leaderboard` prints of the newest record of the suite `quick`."""
     out = io.StringIO()
-    Console(file=out, width=_WIDTH, highlight=False).print(table(recorded(suite), _WIDTH))
+    Console(file=out, width=_WIDTH, highlight=False).print(table(recorded("quick"), _WIDTH))
     return [line.rstrip() for line in out.getvalue().rstrip().splitlines()]
 
 
@@ -121,6 +121,6 @@ TABLES = {
     "changes of the leaderboard": _changed,
     "open and hidden figures": _gaps,
     "records of the leaderboard": _records,
-    "boards of quick": lambda: _listing(_boards("quick")),
-    "first board of quick": lambda: _listing([*_boards("quick")[2 : 5 + _SHORT], "   …"]),
+    "boards of quick": lambda: _listing(_boards()),
+    "first board of quick": lambda: _listing([*_boards()[2 : 5 + _SHORT], "   …"]),
 }

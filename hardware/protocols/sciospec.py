@@ -138,10 +138,6 @@ class Sciospec(Protocol):
         """The injections of the pattern, and the start."""
         return [*(_pair(*drive) for drive in self._drives), START]
 
-    def stopping(self) -> Sequence[bytes]:
-        """The stop."""
-        return (STOP,)
-
     def feed(self, data: bytes, received_s: float) -> list[Frame]:
         """The frames whose last result frame is in `data`."""
         results = [self._set]

@@ -15,7 +15,7 @@ class Fno(ImageNetworkMethod):
     """A Fourier neural operator that corrects the best linear image, trained like `dnn`."""
 
     source: ClassVar[str] = "Li et al., ICLR 2021"
-    files: ClassVar = WeightFiles("fno", version="1")
+    files: ClassVar = WeightFiles("fno")
     recipe: ClassVar = Recipe(epochs=6)
     options: ClassVar = ("limit", "unlimited", "start", "loss")
     backbone: ClassVar = "fno"

@@ -208,7 +208,7 @@ class ImageNetworkMethod(TrainedMethod):
 class Dnn(ImageNetworkMethod):
     """A U-Net from voltages to conductivity, trained on simulated touches (DNN)."""
 
-    files: ClassVar = WeightFiles("dnn", version="1")
+    files: ClassVar = WeightFiles("dnn")
 
 
 @register("phydnn")
@@ -216,7 +216,7 @@ class Dnn(ImageNetworkMethod):
 class PhyDnn(ImageNetworkMethod):
     """The U-Net of `dnn`, trained to explain the measured voltages too (PhyDNN)."""
 
-    files: ClassVar = WeightFiles("phydnn", version="1")
+    files: ClassVar = WeightFiles("phydnn")
     beta: ClassVar = 0.0029
     options: ClassVar = tuple(o for o in ImageNetworkMethod.options if o != "loss")
 
@@ -227,7 +227,7 @@ class DnnRandomised(ImageNetworkMethod):
     """The U-Net of `dnn`, trained further on units with imperfections (domain randomisation)."""
 
     source: ClassVar[str] = "Tobin et al., IROS 2017, 23"
-    files: ClassVar = WeightFiles("dnn-randomised", version="1")
+    files: ClassVar = WeightFiles("dnn-randomised")
     recipe: ClassVar = Recipe(epochs=10, rate=5e-4)
     begins_with: ClassVar = Dnn.files
 
@@ -237,6 +237,6 @@ class DnnRandomised(ImageNetworkMethod):
 class DnnLarge(ImageNetworkMethod):
     """A larger U-Net than that of `dnn`, trained on far more simulated touches."""
 
-    files: ClassVar = WeightFiles("dnn-large", version="1")
+    files: ClassVar = WeightFiles("dnn-large")
     recipe: ClassVar = Recipe(epochs=52, batch=512, rate=1.5e-3)
     backbone: ClassVar = "unet-large"

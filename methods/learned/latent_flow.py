@@ -36,7 +36,7 @@ class LatentFlowMethod(TrainedMethod):
         "Dinh, Sohl-Dickstein and Bengio, ICLR 2017 (real NVP); Ardizzone et al., ICLR 2019 "
         "(inverse problems)"
     )
-    files: ClassVar = WeightFiles("latent-flow", version="1")
+    files: ClassVar = WeightFiles("latent-flow")
     recipe: ClassVar = Recipe(epochs=60, batch=128)
     options: ClassVar[tuple[str, ...]] = ("limit",)
 

@@ -21,7 +21,7 @@ class LearnedProximal(ImageNetworkMethod):
     """Unrolled proximal gradient steps with learned proximal maps, from the best linear image."""
 
     source: ClassVar[str] = "Adler and Oktem, IEEE Trans. Med. Imaging 37(6), 2018"
-    files: ClassVar = WeightFiles("learned-proximal", version="1")
+    files: ClassVar = WeightFiles("learned-proximal")
     expected_failures: ClassVar = {
         "noise_growth": "the image of a clean frame differs from those of all noisy ones"
     }

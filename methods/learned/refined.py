@@ -126,7 +126,7 @@ class CoarseToFine(RefinementMethod):
     """A U-Net that refines coarse images: NOSER's, at three strengths of regularisation."""
 
     source: ClassVar[str] = "Hamilton and Hauptmann, IEEE Trans. Med. Imaging 37(10), 2018"
-    files: ClassVar = WeightFiles("coarse-to-fine", version="1")
+    files: ClassVar = WeightFiles("coarse-to-fine")
     n_inputs: ClassVar = 3
 
     regularisations: ClassVar = (0.01, 0.001, 0.1)
@@ -206,7 +206,7 @@ class LearnedGaussNewton(ContinuedMethod):
     """
 
     source: ClassVar[str] = "Adler and Oktem, Inverse Problems 33(12), 2017"
-    files: ClassVar = WeightFiles("learned-gn", version="1")
+    files: ClassVar = WeightFiles("learned-gn")
     n_inputs: ClassVar = 1 + len(SNR_DB)
 
     def start(self, problem: Problem, device: str = "cpu") -> None:
@@ -226,7 +226,7 @@ class LearnedGaussNewton(ContinuedMethod):
 class SecondGaussNewton(LearnedGaussNewton):
     """A second Gauss-Newton step, from the image of `learned-gn`, corrected by its own network."""
 
-    files: ClassVar = WeightFiles("learned-gn-2", version="1")
+    files: ClassVar = WeightFiles("learned-gn-2")
     first: ClassVar = LearnedGaussNewton
 
 
@@ -235,7 +235,7 @@ class SecondGaussNewton(LearnedGaussNewton):
 class LargeGaussNewton(LearnedGaussNewton):
     """A Gauss-Newton step from the image of `dnn-large`, corrected by its own network."""
 
-    files: ClassVar = WeightFiles("learned-gn-large", version="1")
+    files: ClassVar = WeightFiles("learned-gn-large")
     recipe: ClassVar = Recipe(epochs=40, batch=128)
     first: ClassVar = DnnLarge
 
@@ -246,7 +246,7 @@ class HeteroscedasticDnn(ContinuedMethod):
     """The image of `dnn`, and a network that gives the deviation of each pixel from it."""
 
     source: ClassVar[str] = "Nix and Weigend, IEEE ICNN 1994, 55; Kendall and Gal, NIPS 30, 2017"
-    files: ClassVar = WeightFiles("dnn-heteroscedastic", version="1")
+    files: ClassVar = WeightFiles("dnn-heteroscedastic")
     recipe: ClassVar = Recipe(epochs=8, patience=15)
     options: ClassVar = ("limit", "gain_power")
     n_inputs: ClassVar = 1

@@ -47,7 +47,7 @@ class Surrogate(Trainable, Operator):
 
     source: ClassVar[str] = "Physics-Driven Learning Framework for Tomographic Tactile Sensing"
     precision: ClassVar[str] = "float32"
-    files: ClassVar = WeightFiles("surrogate", version="1")
+    files: ClassVar = WeightFiles("surrogate")
     recipe: ClassVar = Recipe(epochs=40)
 
     def __init__(self, sensor: Sensor) -> None:

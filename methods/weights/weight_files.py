@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from importlib.resources import files
@@ -13,6 +12,7 @@ from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.sensors.sensor import content_hash
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 from eitbench.scenarios.storage.cache_dir import cache_dir
+from eitbench.scenarios.storage.files import sha256_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -42,17 +42,15 @@ class WeightFiles:
         name: of the method or operator that uses them.
         version: of the network, raised whenever weights of before no longer fit or mean something
             else.
-        made_by: the command that makes such a file; by default `eitbench train`.
     """
 
     name: str
-    version: str
-    made_by: str = ""
+    version: str = "1"
 
     @property
     def command(self) -> str:
         """Command that makes such a file."""
-        return self.made_by or f"eitbench train {self.name} --suite SUITE"
+        return f"eitbench train {self.name} --suite SUITE"
 
     def file_name(self, sensor: Sensor) -> str:
         """Return the name of the file with weights for `sensor`."""
@@ -125,7 +123,7 @@ class WeightFiles:
     def content_hash(self, sensor: Sensor) -> str:
         """SHA-256 (hex) of the file that `load` takes for `sensor`; "" if there is none."""
         path = self._found(sensor)
-        return hashlib.sha256(path.read_bytes()).hexdigest() if path else ""
+        return sha256_of(path) if path else ""
 
     def _found(self, sensor: Sensor) -> Path | None:
         places = (

@@ -107,9 +107,11 @@ def _tested(figure: Figure, interval: Interval, met: Range, n: int) -> Figure:
     )
 
 
-def _exactly(figure: Figure, value: float, met: Range, n: int = LEAST_SAMPLES) -> Figure:
+def _exactly(figure: Figure, value: float, met: Range) -> Figure:
     """Test a figure that has no interval."""
-    return replace(figure, ours=value, verdict=met.test(Interval(value, value, value), n))
+    return replace(
+        figure, ours=value, verdict=met.test(Interval(value, value, value), LEAST_SAMPLES)
+    )
 
 
 def _finding(

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.benchmark import EitbenchError, Similarity, nearest_pixels
+from eitbench.benchmark import Similarity, nearest_pixels
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.rundir.file_names import file_name
@@ -30,6 +30,7 @@ from eitbench.reports.figures.style import (
 from eitbench.reports.tables.boards import printed_boards
 from eitbench.reports.tables.challenge import PUBLISHED, challenge_rows
 from eitbench.reports.tables.columns import printable
+from eitbench.scenarios.storage.files import writing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -103,16 +104,13 @@ def write_figures(run: Path) -> list[Path]:
     if read.kind != METHOD_RUNS:
         return []
     written = []
-    try:
+    with writing(f"the figures of {run}"):
         for scenario in read.scenarios():
             figure = draw(comparison(read, scenario))
             written += save(figure, run / "figures" / f"comparison-{file_name(scenario)}")
         best = [row.method for row in challenge_rows(leaderboard_rows([read]))]
         if shown := [name for name in dict.fromkeys(best) if name not in PUBLISHED][:_CHALLENGERS]:
             written += save(draw_challenge(read, shown), run / "figures" / "challenge")
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise EitbenchError(f"Could not write the figures of {run}: {reason}.") from error
     return written
 
 

@@ -83,14 +83,14 @@ def grid(found: list[Told]) -> list[list[str]]:
     return [heads, *rows]
 
 
-def draw(found: list[Told], width: float = PAGE) -> Figure:
+def draw(found: list[Told]) -> Figure:
     """A panel for each condition: AUROC with interval by method, a marker for each score."""
     scenarios = list(dict.fromkeys(one.scenario for one in found))
     best = by_condition(to_table(found))["mean"].groupby("method").max().sort_values()
     methods = best.index.tolist()
     scores = [name for name in SCORES if any(one.score == name for one in found)]
     rows = math.ceil(len(scenarios) / _COLUMNS)
-    figure = new_figure(width, rows * (0.7 + 0.19 * len(methods)) + 0.4)
+    figure = new_figure(PAGE, rows * (0.7 + 0.19 * len(methods)) + 0.4)
     panels = figure.subplots(rows, min(_COLUMNS, len(scenarios)), sharey=True, squeeze=False)
     for axes, scenario in zip(panels.flat, scenarios, strict=False):
         axes.axvline(0.5, color="0.5", lw=1, ls=":", zorder=1)

@@ -11,7 +11,7 @@ import pandas as pd
 from eitbench.benchmark.findings.noise import CEILING
 from eitbench.benchmark.findings.uncertainty import Stated, read_uncertainty
 from eitbench.benchmark.metrics.uncertainty import LEVELS, REMOVED, UNCERTAINTY
-from eitbench.reports.figures.style import COLUMN, NOTE, PAGE, line_style, new_figure, plain_label
+from eitbench.reports.figures.style import NOTE, PAGE, line_style, new_figure, plain_label
 from eitbench.reports.findings.finding import Finding
 from eitbench.reports.tables.columns import printable
 
@@ -130,7 +130,7 @@ def _panels(found: list[Stated]) -> list[str]:
     return ["pixels", "left"] * curves + ["places"] * places
 
 
-def draw(found: list[Stated], width: float = PAGE) -> Figure:
+def draw(found: list[Stated]) -> Figure:
     """Reliability of pixels, sparsification and reliability of places.
 
     Scenarios have a column each; the panels of a single one stand side by side.
@@ -145,7 +145,7 @@ def draw(found: list[Stated], width: float = PAGE) -> Figure:
     styles[CEILING] = {"marker": "D", "color": "black", "ls": "-"}
     panels, several = _panels(found), len(scenarios) > 1
     rows, columns = (len(panels), len(scenarios)) if several else (1, len(panels))
-    figure = new_figure(width, 0.5 + 1.95 * rows)
+    figure = new_figure(PAGE, 0.5 + 1.95 * rows)
     grid = figure.subplots(rows, columns, sharey="row" if several else "none", squeeze=False)
     grid = grid if several else grid.T
     for column, scenario in enumerate(scenarios):
@@ -170,7 +170,7 @@ def draw(found: list[Stated], width: float = PAGE) -> Figure:
     }
     figure.legend(
         handles.values(), handles.keys(), loc="outside lower center",
-        ncols=4 if width > COLUMN else 2, fontsize=NOTE, frameon=False,
+        ncols=4, fontsize=NOTE, frameon=False,
     )  # fmt: skip
     return figure
 

@@ -7,13 +7,14 @@ from pathlib import Path
 import pandas as pd
 from markupsafe import Markup
 
-from eitbench.benchmark import EitbenchError, atomic_write
+from eitbench.benchmark import atomic_write
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.reports.claims.ledger import Ledger
 from eitbench.reports.claims.rules import IMAGE_METRICS
 from eitbench.reports.page.ledger_figures import LedgerFigure, draw_figures
 from eitbench.reports.page.rendering import render
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
+from eitbench.scenarios.storage.files import writing
 
 FILES = {"md": "claims.md", "json": "claims.json", "html": "claims.html"}
 _TITLES = {name: METRICS[name].heading for name in IMAGE_METRICS}
@@ -34,7 +35,7 @@ def write_ledger(
         EitbenchError: they cannot be written.
     """
     boards = [FORMATS["html"](ranked_rows([run])) for run in runs]
-    try:
+    with writing(f"the claim ledger into {folder}"):
         figures = draw_figures(ledger, runs, folder, curves)
         texts = {
             "md": to_markdown(ledger, figures),
@@ -43,10 +44,6 @@ def write_ledger(
         }
         for form, text in texts.items():
             atomic_write(folder / FILES[form], text.encode())
-    except OSError as error:
-        raise EitbenchError(
-            f"Could not write the claim ledger into {folder}: {error.strerror or error}."
-        ) from error
     return [folder / FILES[form] for form in texts]
 
 

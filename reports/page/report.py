@@ -7,9 +7,8 @@ import os
 import re
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -21,7 +20,7 @@ import joblib
 from markupsafe import Markup
 
 from eitbench import __version__
-from eitbench.benchmark import EitbenchError, atomic_write, end_with_parent
+from eitbench.benchmark import atomic_write, end_with_parent
 from eitbench.benchmark.analysis.results import Run, plugin_file, read_run
 from eitbench.benchmark.metrics.specs import ANCHORS
 from eitbench.reports.figures.critical_difference import to_png
@@ -43,6 +42,7 @@ from eitbench.reports.page.report_data import (
 )
 from eitbench.reports.tables.columns import printable
 from eitbench.reports.tables.references import reference
+from eitbench.scenarios.storage.files import writing
 
 PAGE = "index.html"
 MANY_SAMPLES = 20_000
@@ -63,7 +63,7 @@ def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]
     """
     read = [read_run(run) for run in runs]
     report, found, of_findings = _both_parts(read, out)
-    with _naming(out):
+    with writing(f"the report into {out}"):
         written = [out / PAGE]
         links = _code_links(report, runs, out)
         page = to_page(report, links, found)
@@ -98,17 +98,9 @@ def _both_parts(runs: Sequence[Run], out: Path) -> tuple[ReportData, list[Findin
 def _written_findings(runs: Sequence[Run], out: Path) -> tuple[list[Finding], list[Path]]:
     """Write the findings of `runs` into `out`; return them, and the files."""
     found = findings(runs)
-    with _naming(out):
+    with writing(f"the report into {out}"):
         files = [file for one in found for file in one.write(out / "tables", out / "figures")]
     return found, files
-
-
-@contextmanager
-def _naming(out: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise EitbenchError(f"Could not write the report into {out}: {error.strerror}.") from error
 
 
 def _code_links(report: ReportData, runs: Sequence[Path], out: Path) -> dict[str, str]:

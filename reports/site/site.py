@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eitbench import __version__
-from eitbench.benchmark import EitbenchError, InputError, atomic_write
+from eitbench.benchmark import InputError, atomic_write
 from eitbench.benchmark.analysis.catalogue import about_method, about_recording, packaged_suites
 from eitbench.benchmark.analysis.results import NOTES_FILE, Run, plugin_file
 from eitbench.benchmark.rundir import manifest
@@ -57,6 +57,7 @@ from eitbench.reports.tables.references import (
     entry_field,
     reference,
 )
+from eitbench.scenarios.storage.files import writing
 
 if TYPE_CHECKING:
     from eitbench.benchmark.analysis.catalogue import Recording
@@ -90,7 +91,7 @@ def write_site(folder: Path, out: Path) -> list[Path]:
     found = editions(folder)
     versions = [(of.version, f"{ARCHIVE}/{of.version}/" if k else "") for k, of in enumerate(found)]
     written = []
-    try:
+    with writing(f"the site into {out}"):
         for edition, (_, place) in zip(found, versions, strict=True):
             site = _Site(edition, out, place, versions)
             for name, content in site.files():
@@ -99,8 +100,6 @@ def write_site(folder: Path, out: Path) -> list[Path]:
                 if path.suffix == ".html":
                     written.append(path)
             site.copy_records()
-    except OSError as error:
-        raise EitbenchError(f"Could not write the site into {out}: {error.strerror}.") from error
     return written
 
 

@@ -122,9 +122,7 @@ def split(recording: str, n: int) -> Split:
     return Split(order[:test], order[test:])
 
 
-def load_transfer(
-    scenario: TransferScenario, limit: int | None = None, *, progress: bool = False
-) -> TransferData:
+def load_transfer(scenario: TransferScenario, limit: int | None = None) -> TransferData:
     """The data of `scenario`, with the first `limit` presses to be located, or all.
 
     Raises:
@@ -135,7 +133,7 @@ def load_transfer(
     check_open("test")
     if scenario.same_skin:
         raise InputError(f"Scenario {scenario.name!r}: {scenario.same_skin}")
-    presses, reference, samples = _presses(scenario.recording, progress)
+    presses, reference, samples = _presses(scenario.recording)
     rows = split(scenario.recording, len(presses))
     needed = max(scenario.labelled, REGISTRATION)
     if len(rows.pool) < needed:
@@ -155,7 +153,7 @@ def load_transfer(
             reference,
             labelled=presses[rows.pool[: scenario.labelled]],
             unlabelled=presses.differences[np.sort(rows.pool)],
-            others={other: _placed(other, sensor, progress) for other in scenario.others},
+            others={other: _placed(other, sensor) for other in scenario.others},
         ),
         registration=presses[rows.pool[: 0 if scenario.labelled else REGISTRATION]],
         test=Dataset(
@@ -171,7 +169,7 @@ def load_transfer(
     )
 
 
-def _placed(recording: str, sensor: Sensor, progress: bool) -> Presses:
+def _placed(recording: str, sensor: Sensor) -> Presses:
     """All presses of another skin, with their places on `sensor`."""
     own = RecordedScenario(name="other", recording=recording).nominal_sensor
     onto = None
@@ -182,7 +180,7 @@ def _placed(recording: str, sensor: Sensor, progress: bool) -> Presses:
             f"The electrodes of {recording!r} are not those of {sensor.name!r}: the other skins "
             "need as many, driven in the same pattern."
         )
-    presses = _presses(recording, progress)[0]
+    presses = _presses(recording)[0]
     return Presses(presses.differences, onto(presses.places))
 
 
@@ -193,9 +191,9 @@ def _electrodes(sensor: Sensor) -> Array:
 
 
 @lru_cache(maxsize=32)  # a skin is one of the others of all the others
-def _presses(recording: str, progress: bool) -> tuple[Presses, Array, pd.DataFrame]:
+def _presses(recording: str) -> tuple[Presses, Array, pd.DataFrame]:
     """All presses of a set, its reference frame (M,) and the rows of its samples."""
-    found = read_recording(recording, progress=progress)
+    found = read_recording(recording)
     if "contacts" in found.samples:
         raise InputError(
             f"The recorded set {recording!r} has touches of several contacts, and one place is "

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
 from eitbench.scenarios.guard import is_closed
 from eitbench.scenarios.recordings.descriptors import RecordedFile, RecordedFrames, RecordedSet
-from eitbench.scenarios.recordings.files.own import is_recording, sha256_of, undamaged
+from eitbench.scenarios.recordings.files.own import is_recording, undamaged
 from eitbench.scenarios.recordings.registry import recorded_set
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.storage.cache_dir import cache_dir
+from eitbench.scenarios.storage.files import sha256_of
 
 _CHUNK = 1 << 14
 _SILENCE_S = 30.0  # a server that sends nothing for so long is given up

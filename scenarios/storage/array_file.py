@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.files import writing
 
 AnyArray = NDArray[Any]
 
@@ -28,10 +29,8 @@ def write_arrays(path: Path, arrays: Mapping[str, AnyArray], metadata: Mapping[s
     # The library copies memory as it is laid out.
     arrays = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     content = save(arrays, {**metadata, DIGEST: _digest(arrays, metadata)})
-    try:
+    with writing(path):
         atomic_write(path, content)
-    except OSError as error:
-        raise EitbenchError(f"Could not write {path}: {error.strerror or error}.") from error
 
 
 def read_arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, str]] | None:

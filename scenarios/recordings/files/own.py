@@ -1,6 +1,5 @@
 """Recordings of one's own as recorded sets, beside the public ones."""
 
-import hashlib
 from functools import lru_cache, partial
 from pathlib import Path
 
@@ -30,17 +29,12 @@ from eitbench.scenarios.recordings.files.recording_file import (
 )
 from eitbench.scenarios.recordings.frames import impossible, peak
 from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.storage.files import sha256_of
 
 
 def is_recording(name: str) -> bool:
     """True if `name` is the path of a recording (.h5), not the name of a public set."""
     return name.endswith(".h5")
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 (hex) of the file at `path`."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def own_set(path: Path) -> RecordedSet:

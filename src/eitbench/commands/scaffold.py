@@ -7,7 +7,8 @@ from pathlib import Path
 from string import Template
 
 from eitbench.methods.registry import methods as known_methods
-from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.storage.files import writing
 
 NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 MAX_NAME = 50
@@ -42,7 +43,7 @@ def new_method(name: str, folder: Path | None = None, *, learned: bool = False) 
     }
     templates = files("eitbench.commands") / "templates"
     written = []
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for template, target in (
             ("pyproject.toml.tmpl", "pyproject.toml"),
@@ -54,8 +55,6 @@ def new_method(name: str, folder: Path | None = None, *, learned: bool = False) 
             path = folder / target
             path.write_text(Template(text).substitute(values), encoding="utf-8")
             written.append(path)
-    except OSError as error:
-        raise EitbenchError(f"Could not write {folder}: {error.strerror or error}.") from error
     return written
 
 

@@ -13,13 +13,14 @@ from eitbench.benchmark.analysis.standings import track_gaps
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.run.progress import RunProgress
 from eitbench.benchmark.run.runner import start_run
-from eitbench.benchmark.rundir.plan import make_plan, read_parameters, sha256
+from eitbench.benchmark.rundir.plan import make_plan, read_parameters
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget, record
 from eitbench.reports.page.report_data import report_data
 from eitbench.reports.tables.boards import tracks_table
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.storage.files import sha256_of
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import Suite, load_suite
 
@@ -41,7 +42,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
             Trial({"factor": 1.0}, None, "pruned"),
             Trial({"factor": 0.5}, None, "failed"),
         )
-        code = sha256(PLUGIN)
+        code = sha256_of(PLUGIN)
         choice = Selection({"factor": 0.9}, 3.0, trials, TuningBudget(), "space", code=code)
         record(SMALL, {"constant": choice}, folder / "cache" / "selected")
         tracks = ("default", "tuned", "oracle")

@@ -198,7 +198,7 @@ def test_what_the_first_image_was_learned_from_was_learned_from_too() -> None:
 def test_a_second_step_needs_the_weights_of_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     foam16 = sensor("foam16")
     assert not SecondGaussNewton.unusable(foam16)
-    monkeypatch.setattr(LearnedGaussNewton, "files", WeightFiles("nobody", version="1"))
+    monkeypatch.setattr(LearnedGaussNewton, "files", WeightFiles("nobody"))
     assert "has no weights" in SecondGaussNewton.unusable(foam16)
 
 
