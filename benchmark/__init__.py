@@ -5,6 +5,7 @@ from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputErro
 from eitbench.scenarios.interrupts import end_with_parent
 from eitbench.scenarios.similarity import Similarity
 from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.files import writing
 
 __all__ = [
     "DataCorruptError",
@@ -15,4 +16,5 @@ __all__ = [
     "end_with_parent",
     "nearest_pixels",
     "unknown_name",
+    "writing",
 ]

@@ -6,8 +6,6 @@ Learning Research 7, 2006, fig. 1.
 
 from __future__ import annotations
 
-import base64
-import io
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -81,10 +79,3 @@ def critical_difference_figure(
 
 def _short(name: str) -> str:
     return name if len(name) <= _LETTERS else f"{name[: _LETTERS - 1]}…"
-
-
-def to_png(figure: Figure) -> str:
-    """Return a figure as a `data:` address, for a page."""
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=160)
-    return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"

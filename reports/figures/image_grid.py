@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.benchmark import Similarity, nearest_pixels
+from eitbench.benchmark import Similarity, nearest_pixels, writing
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.rundir.file_names import file_name
@@ -30,7 +30,6 @@ from eitbench.reports.figures.style import (
 from eitbench.reports.tables.boards import printed_boards
 from eitbench.reports.tables.challenge import PUBLISHED, challenge_rows
 from eitbench.reports.tables.columns import printable
-from eitbench.scenarios.storage.files import writing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -115,3 +116,10 @@ def svg(figure: Figure) -> bytes:
     figure.savefig(content, format="svg", metadata=_METADATA["svg"])
     figure.set_layout_engine("none")
     return content.getvalue()
+
+
+def to_png(figure: Figure) -> str:
+    """Return a figure as a `data:` address, for a page."""
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=160)
+    return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from eitbench.benchmark.analysis.leaderboard import is_whole
 from eitbench.benchmark.analysis.standings import SIGNIFICANT, score_weights
-from eitbench.reports.tables.columns import Column, layout, printable
+from eitbench.reports.tables.columns import Column, layout, listed, printable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -83,11 +83,10 @@ def summary(boards: Sequence[BoardData]) -> list[str]:
         told = [f"{name} on {first[name]} of {ran[name]}" for name in order[:_MOST_FIRST]]
         if rest := order[_MOST_FIRST:]:
             told.append(f"{len(rest)} other{'s' * (len(rest) > 1)} on at most {first[rest[0]]}")
-        listed = told[0] if len(told) == 1 else f"{', '.join(told[:-1])} and {told[-1]}"
         found.append(
             printable(
                 f"First, or not to be told apart from the first, of the scenarios that each {kind} "
-                f"ran on: {listed}."
+                f"ran on: {listed(told)}."
             )
         )
     return found
@@ -179,4 +178,4 @@ def _lead(board: BoardData, column: Column) -> str:
 def _listed(names: Sequence[str]) -> str:
     if len(names) > _MOST_NAMES + 1:
         names = [*names[:_MOST_NAMES], f"{len(names) - _MOST_NAMES} others"]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return listed(names)

@@ -7,14 +7,13 @@ from pathlib import Path
 import pandas as pd
 from markupsafe import Markup
 
-from eitbench.benchmark import atomic_write
+from eitbench.benchmark import atomic_write, writing
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.reports.claims.ledger import Ledger
 from eitbench.reports.claims.rules import IMAGE_METRICS
 from eitbench.reports.page.ledger_figures import LedgerFigure, draw_figures
 from eitbench.reports.page.rendering import render
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
-from eitbench.scenarios.storage.files import writing
 
 FILES = {"md": "claims.md", "json": "claims.json", "html": "claims.html"}
 _TITLES = {name: METRICS[name].heading for name in IMAGE_METRICS}

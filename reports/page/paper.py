@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from eitbench.benchmark.analysis.leaderboard import Row
     from eitbench.reports.page.report_data import BoardData, ReportData
 
-FRAMES_PER_SECOND_MS = 100.0
+DEADLINE_MS = 100.0
 
 
 def write_paper(report: ReportData, out: Path) -> list[Path]:
@@ -157,7 +157,7 @@ def frontier(board: BoardData) -> Figure:
             color=COLOURS[k % len(COLOURS)], lw=0.7, capsize=1.5, mec="black", mew=0.3,
             label=plain_label(row["label"]),
         )  # fmt: skip
-    axes.axvline(FRAMES_PER_SECOND_MS, color="0.4", lw=0.7, ls="--", label="10 frames/s")
+    axes.axvline(DEADLINE_MS, color="0.4", lw=0.7, ls="--", label="10 frames/s")
     axes.set_xscale("log")
     if column.best == "min":
         axes.invert_yaxis()

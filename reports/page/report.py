@@ -20,11 +20,10 @@ import joblib
 from markupsafe import Markup
 
 from eitbench import __version__
-from eitbench.benchmark import atomic_write, end_with_parent
+from eitbench.benchmark import atomic_write, end_with_parent, writing
 from eitbench.benchmark.analysis.results import Run, plugin_file, read_run
 from eitbench.benchmark.metrics.specs import ANCHORS
-from eitbench.reports.figures.critical_difference import to_png
-from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_MAP, STYLE
+from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_MAP, STYLE, to_png
 from eitbench.reports.findings.collect import findings
 from eitbench.reports.findings.finding import Finding
 from eitbench.reports.page.answer import MOST_ANSWERS, answer, summary
@@ -42,7 +41,6 @@ from eitbench.reports.page.report_data import (
 )
 from eitbench.reports.tables.columns import printable
 from eitbench.reports.tables.references import reference
-from eitbench.scenarios.storage.files import writing
 
 PAGE = "index.html"
 MANY_SAMPLES = 20_000

@@ -1,12 +1,10 @@
 """The page of the doctor of wiring: what it found, and measured beside modelled frames."""
 
-import base64
 from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from eitbench.benchmark import atomic_write
-from eitbench.reports.figures.style import STYLE, save
+from eitbench.reports.figures.style import STYLE, to_png
 from eitbench.reports.figures.wiring import WiringFrames, wiring_figure
 from eitbench.reports.page.rendering import asset, render
 
@@ -19,9 +17,8 @@ def write_wiring_page(path: Path, title: str, said: Sequence[str], frames: Wirin
     """
     import matplotlib as mpl
 
-    with mpl.rc_context(STYLE), TemporaryDirectory() as folder:
-        (png,) = save(wiring_figure(frames), Path(folder) / "wiring", ("png",))
-        picture = base64.b64encode(png.read_bytes()).decode()
+    with mpl.rc_context(STYLE):
+        picture = to_png(wiring_figure(frames))
     page = render(
         "wiring.html.jinja", title=title, said=said, picture=picture, style=asset("report.css")
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, STYLE
+from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, STYLE, new_figure, svg
 from eitbench.reports.page.images import unpacked
 
 if TYPE_CHECKING:
@@ -67,7 +67,6 @@ def over_noise(boards: Sequence[BoardData], label: str) -> bytes | None:
     None where it is on fewer than three levels, or where scenarios of one level differ otherwise.
     """
     import matplotlib as mpl
-    from matplotlib import pyplot
 
     known = [
         (float(level), board)
@@ -85,7 +84,8 @@ def over_noise(boards: Sequence[BoardData], label: str) -> bytes | None:
     if len(curves.get(label, ())) < 3:
         return None
     with mpl.rc_context(STYLE):
-        figure, axes = pyplot.subplots(figsize=(4.2, 2.6), layout="constrained")
+        figure = new_figure(4.2, 2.6)
+        axes = figure.subplots()
         for name, points in curves.items():
             chosen = name == label
             axes.plot(
@@ -97,7 +97,4 @@ def over_noise(boards: Sequence[BoardData], label: str) -> bytes | None:
             )
         axes.set(xlabel="SNR of a frame [dB]", ylabel="PSNR [dB]")
         axes.grid(color="0.92")
-        file = io.BytesIO()
-        figure.savefig(file, format="svg", metadata={"Date": None})
-        pyplot.close(figure)
-    return file.getvalue()
+        return svg(figure)

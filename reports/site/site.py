@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eitbench import __version__
-from eitbench.benchmark import InputError, atomic_write
+from eitbench.benchmark import InputError, atomic_write, writing
 from eitbench.benchmark.analysis.catalogue import about_method, about_recording, packaged_suites
 from eitbench.benchmark.analysis.results import NOTES_FILE, Run, plugin_file
 from eitbench.benchmark.rundir import manifest
@@ -57,7 +57,6 @@ from eitbench.reports.tables.references import (
     entry_field,
     reference,
 )
-from eitbench.scenarios.storage.files import writing
 
 if TYPE_CHECKING:
     from eitbench.benchmark.analysis.catalogue import Recording

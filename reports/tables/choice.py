@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from eitbench.reports.tables.columns import printable
+from eitbench.reports.tables.columns import listed, printable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -48,9 +48,9 @@ def sentence(choice: Choice) -> str:
         f"every method tried runs without a GPU (times are of one core of {choice.processor})",
     ]
     if names := [row.method for row in choice.tried if row.chosen_by == "default"]:
-        parts.append(f"too little time was left to tune {_listed(names)}, compared as they come")
+        parts.append(f"too little time was left to tune {_code(names)}, compared as they come")
     if choice.not_tried:
-        parts.append(f"{choice.time_limit_s:g} s left no time to try {_listed(choice.not_tried)}")
+        parts.append(f"{choice.time_limit_s:g} s left no time to try {_code(choice.not_tried)}")
     return printable("; ".join(parts) + ".")
 
 
@@ -69,7 +69,7 @@ def _best(choice: Choice) -> list[str]:
         f"{choice.presses}) in {_ms(row)} a frame"
     )
     if others := [choice.row(name) for name in choice.best.not_told_from]:
-        answer += f", and cannot be told from {_listed([other.method for other in others])}"
+        answer += f", and cannot be told from {_code([other.method for other in others])}"
         if min(other.place.value for other in others) < row.place.value:
             answer += ", but is faster than the best of them"
     same = drift.method == row.method
@@ -93,6 +93,5 @@ def _ms(row: Tried) -> str:
     return "–" if row.frame_ms is None else f"{row.frame_ms:.2g} ms"
 
 
-def _listed(names: Sequence[str]) -> str:
-    *most, last = (f"`{name}`" for name in names)
-    return f"{', '.join(most)} and {last}" if most else last
+def _code(names: Sequence[str]) -> str:
+    return listed([f"`{name}`" for name in names])

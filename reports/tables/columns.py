@@ -85,6 +85,12 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence: "a", "a and b", "a, b and c"."""
+    *most, last = names
+    return f"{', '.join(most)} and {last}" if most else last
+
+
 def _metrics(specs: Mapping[str, MetricSpec], *names: str) -> list[Column]:
     """Columns of the metrics called `names`."""
     return [Column(s.name, s.heading, s.form, s.best) for s in (specs[name] for name in names)]

@@ -38,7 +38,6 @@ from eitbench.scenarios.physics.elimination import element_gradients, sensitivit
 from eitbench.scenarios.physics.mesh import Mesh, build_mesh
 from eitbench.scenarios.physics.side_by_side import gradients_together, solve_together
 from eitbench.scenarios.physics.tiles import Layout, layout
-from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor
 
 
@@ -137,14 +136,7 @@ class ForwardModel:
         Sparse, so that a sum of one image is taken alike whatever images are beside it: BLAS does
         not promise that.
         """
-        src, sink, a, b = self.sensor.pattern.table.T
-        electrodes = self.sensor.n_electrodes
-        maps = np.zeros((len(src), electrodes, electrodes))
-        row = np.arange(len(src))
-        for i, j, sign in ((a, src, 0.5), (b, src, -0.5), (a, sink, -0.5), (b, sink, 0.5)):
-            np.add.at(maps, (row, i, j), sign)
-            np.add.at(maps, (row, j, i), sign)
-        return sparse.csr_array(maps.reshape(len(src), -1))
+        return sparse.csr_array(difference_map(self.sensor.pattern.table, self.sensor.n_electrodes))
 
     @cached_property
     def _layout(self) -> Layout:
@@ -199,12 +191,27 @@ class ForwardModel:
         return np.abs(voltages) if self.sensor.pattern.magnitudes else voltages, kept
 
     def _signed(self, resistance: Array) -> Array:
-        return signed_voltages(self.sensor.pattern, resistance)
+        return signed_voltages(self.sensor.pattern.table, resistance)
 
 
-def signed_voltages(pattern: DrivePattern, resistance: Array) -> Array:
-    """Signed voltages (..., M) [V/A] of a drive pattern from electrode resistances (..., E, E)."""
-    src, sink, a, b = pattern.table.T
+def difference_map(table: NDArray[np.int64], electrodes: int) -> Array:
+    """(M, E * E): V = map @ R for a table (M, 4) of rows, symmetric in the indices of R."""
+    src, sink, a, b = table.T
+    maps = np.zeros((len(src), electrodes, electrodes))
+    row = np.arange(len(src))
+    for i, j, sign in ((a, src, 0.5), (b, src, -0.5), (a, sink, -0.5), (b, sink, 0.5)):
+        np.add.at(maps, (row, i, j), sign)
+        np.add.at(maps, (row, j, i), sign)
+    return maps.reshape(len(src), -1)
+
+
+def signed_voltages(table: NDArray[np.int64], resistance: Array) -> Array:
+    """Signed voltages [V/A] of rows src, sink, a, b from electrode resistances.
+
+    Of a table (M, 4) and resistances (..., E, E), or of tables (..., M, 4) and (E, E), they are
+    (..., M).
+    """
+    src, sink, a, b = np.moveaxis(table, -1, 0)
     return np.asarray(
         resistance[..., a, src]
         - resistance[..., b, src]

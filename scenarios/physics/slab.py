@@ -106,7 +106,7 @@ class SlabModel:
         schur = np.diag(self._conductance) - self._coupling.T @ solver.solve(self._coupling)
         # Only currents that add up to 0 flow: the constant that is added meets none of them.
         resistance = np.linalg.inv(schur + schur.max() / len(schur))
-        voltages = signed_voltages(self.sensor.pattern, resistance) * self._depth.thickness_m
+        voltages = signed_voltages(self.sensor.pattern.table, resistance) * self._depth.thickness_m
         return np.abs(voltages) if self.sensor.pattern.magnitudes else voltages
 
 

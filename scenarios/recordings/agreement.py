@@ -101,7 +101,7 @@ def reference_problem(frame: Array, sensor: Sensor) -> str:
         for step, order in ((1, ""), (-1, "in the other direction")):
             for start in around.tolist():
                 number = (start + step * around) % sensor.n_electrodes
-                modelled = signed_voltages(sensor.pattern, resistance[np.ix_(number, number)])
+                modelled = signed_voltages(sensor.pattern.table, resistance[np.ix_(number, number)])
                 if sensor.pattern.magnitudes:
                     modelled = np.abs(modelled)
                 renamed = ""

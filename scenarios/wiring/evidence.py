@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.physics.forward import difference_map, forward_model, signed_voltages
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.wiring.hypotheses import Table
 
@@ -25,13 +25,6 @@ def modelled_resistances(sensor: Sensor) -> Array:
     model = forward_model(sensor)
     _, fields = model.voltages_and_fields(model.background[None])
     return np.array(fields[0, len(model.mesh.nodes) :])
-
-
-def values_of(resistances: Array, tables: Table) -> Array:
-    """Signed voltages (..., M) of rows (..., M, 4) from `resistances` (E, E)."""
-    src, sink, a, b = np.moveaxis(tables, -1, 0)
-    r = resistances
-    return np.asarray(r[a, src] - r[b, src] - r[a, sink] + r[b, sink])
 
 
 def all_values(resistances: Array) -> Array:
@@ -55,14 +48,8 @@ class Completion:
     @cached_property
     def _inverse(self) -> Array:
         """(E * E, M): the least change of resistances that explains a change of values."""
-        table, e = self.sensor.pattern.table, self.sensor.n_electrodes
-        rows = np.arange(len(table))
-        design = np.zeros((len(table), e, e))
-        src, sink, a, b = table.T
-        for i, j, sign in ((a, src, 0.5), (b, src, -0.5), (a, sink, -0.5), (b, sink, 0.5)):
-            np.add.at(design, (rows, i, j), sign)
-            np.add.at(design, (rows, j, i), sign)
-        return np.asarray(np.linalg.pinv(design.reshape(len(table), -1), rcond=1e-6))
+        differences = difference_map(self.sensor.pattern.table, self.sensor.n_electrodes)
+        return np.asarray(np.linalg.pinv(differences, rcond=1e-6))
 
     @cached_property
     def measured(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -86,7 +73,7 @@ class Completion:
     def resistances(self, frame: Array) -> Array:
         """Resistances (E, E) that explain `frame` (M,), nearest to the model's times a gain."""
         pattern = self.sensor.pattern
-        expected = values_of(self.modelled, pattern.table)
+        expected = signed_voltages(pattern.table, self.modelled)
         signed = frame * np.where(expected < 0, -1.0, 1.0) if pattern.magnitudes else frame
         gain = float(signed @ expected / (expected @ expected))
         # A skin that the model does not describe has a size beside it, but hardly a gain.
@@ -103,7 +90,7 @@ class Completion:
         row, sign = (part[tuple(table.T)] for part in self.measured)
         taken = frame[row] * (1 if self.sensor.pattern.magnitudes else sign)
         if (row < 0).any():
-            modelled = values_of(self.resistances(frame), table)
+            modelled = signed_voltages(table, self.resistances(frame))
             modelled = np.abs(modelled) if self.sensor.pattern.magnitudes else modelled
             taken = np.where(row < 0, modelled, taken)
         return np.asarray(taken)

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eitbench.scenarios.arrays import Array
-from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.physics.forward import forward_model, signed_voltages
 from eitbench.scenarios.recordings.descriptors import RecordedFrames
 from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.wiring.evidence import modelled_resistances, values_of
+from eitbench.scenarios.wiring.evidence import modelled_resistances
 from eitbench.scenarios.wiring.hypotheses import Order, Table, Wiring, numberings, with_swaps
 
 LEAST, MOST = 5, 50
@@ -123,7 +123,7 @@ def _cosines(
     src, sink, a, b = table.T
     expected = changes[:, a, src] - changes[:, b, src] - changes[:, a, sink] + changes[:, b, sink]
     if magnitudes:
-        expected = expected * np.sign(values_of(resistances, table))
+        expected = expected * np.sign(signed_voltages(table, resistances))
     size = np.linalg.norm(expected, axis=1) * np.linalg.norm(measured, axis=1)
     product = np.sum(expected * measured, axis=1)
     return np.asarray(np.divide(product, size, out=np.zeros(len(size)), where=size > 0))

@@ -87,7 +87,7 @@ def jacobian(skin: str, kind: str, first: float, angle: float) -> Array:
     change = -np.einsum(
         "kxm,kxm->mk", gradients[..., a] - gradients[..., b], fluxes[..., src] - fluxes[..., sink]
     )
-    signs = np.sign(signed_voltages(sensor.pattern, resistance))
+    signs = np.sign(signed_voltages(sensor.pattern.table, resistance))
     assert mesh.pixel_shares is not None
     inside = sensor.mask.ravel()
     return np.asarray(signs[:, None] * (mesh.pixel_shares.T @ change.T).T[:, inside])

@@ -119,7 +119,7 @@ def test_batches_against_a_dense_solver(model: ForwardModel) -> None:
         conductance = np.diag(terms.conductance)
         conductance -= terms.coupling.T @ np.linalg.solve(matrix, terms.coupling)
         expected = signed_voltages(
-            of.pattern, np.asarray(np.linalg.pinv(conductance, rcond=1e-12), float)
+            of.pattern.table, np.asarray(np.linalg.pinv(conductance, rcond=1e-12), float)
         )
         if of.pattern.magnitudes:
             expected = np.abs(expected)

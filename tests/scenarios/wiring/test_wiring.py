@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.physics.forward import forward_model, signed_voltages
 from eitbench.scenarios.sensors.outlines import Disc, rectangle
 from eitbench.scenarios.sensors.patterns import offset_pattern, opposition_pattern, ring_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
@@ -20,7 +20,6 @@ from eitbench.scenarios.wiring.evidence import (
     all_values,
     known_values,
     modelled_resistances,
-    values_of,
 )
 from eitbench.scenarios.wiring.hypotheses import Wiring, meaning, numbers_of, orders
 from eitbench.scenarios.wiring.report import corrected, findings
@@ -50,7 +49,7 @@ def _frames(sensor: Sensor, noise: float = 1e-4, n: int = 10) -> np.ndarray:
 def test_resistances_give_the_frame_of_the_model() -> None:
     frame = _frames(UNEVEN, 0, 1)[0]
     resistances = modelled_resistances(UNEVEN)
-    np.testing.assert_allclose(values_of(resistances, UNEVEN.pattern.table), frame, rtol=1e-9)
+    np.testing.assert_allclose(signed_voltages(UNEVEN.pattern.table, resistances), frame, rtol=1e-9)
     dense = all_values(resistances)[tuple(UNEVEN.pattern.table.T)]
     np.testing.assert_allclose(dense, frame, rtol=1e-9)
 
@@ -61,9 +60,12 @@ def test_a_frame_tells_values_that_its_pattern_determines() -> None:
     truth = modelled_resistances(full) * np.linspace(1, 2, 8) * np.linspace(1, 2, 8)[:, None]
     other = modelled_resistances(ROUND)
     table = ring_pattern(8, 3, 2).table
-    frame = values_of(truth, full.pattern.table)
+    frame = signed_voltages(full.pattern.table, truth)
     np.testing.assert_allclose(
-        Completion(full, other).values(frame, table), values_of(truth, table), rtol=1e-6, atol=1e-9
+        Completion(full, other).values(frame, table),
+        signed_voltages(table, truth),
+        rtol=1e-6,
+        atol=1e-9,
     )
 
 
@@ -80,7 +82,7 @@ def test_a_wrong_wiring_is_put_right(seed: int) -> None:
 def test_faults_are_found_by_number_with_gain_and_sign() -> None:
     resistances = modelled_resistances(UNEVEN)
     numbers = numbers_of([Wiring(0, 3, -1, (2, 5))], 8)[0]
-    frames = -7.0 * values_of(resistances, numbers[UNEVEN.pattern.table])[None]
+    frames = -7.0 * signed_voltages(numbers[UNEVEN.pattern.table], resistances)[None]
     found = diagnose(frames, UNEVEN)
     assert (found.certainty, found.reversed_sign) == ("sure", True)
     assert (found.wiring.start, found.wiring.step, found.wiring.swapped) == (3, -1, (2, 5))
@@ -89,7 +91,7 @@ def test_faults_are_found_by_number_with_gain_and_sign() -> None:
     assert "interchanged" in " ".join(findings(found, UNEVEN))
     # The corrected pattern says what the board measured.
     np.testing.assert_allclose(
-        7 * values_of(resistances, found.pattern.table), frames[0], rtol=1e-9, atol=1e-12
+        7 * signed_voltages(found.pattern.table, resistances), frames[0], rtol=1e-9, atol=1e-12
     )
 
 
@@ -126,7 +128,7 @@ def test_the_leak_of_common_mode_voltage_is_measured() -> None:
     balanced = resistances - resistances.mean(axis=0)
     src, sink, a, b = UNEVEN.pattern.table.T
     common = (balanced[a, src] + balanced[b, src] - balanced[a, sink] - balanced[b, sink]) / 2
-    frame = values_of(resistances, UNEVEN.pattern.table) + 0.02 * common
+    frame = signed_voltages(UNEVEN.pattern.table, resistances) + 0.02 * common
     assert diagnose(frame[None], UNEVEN).leak == pytest.approx(0.02, abs=1e-6)
 
 
@@ -144,7 +146,7 @@ def test_a_known_frame_tells_the_first_electrode_of_an_uneven_skin() -> None:
     rng = np.random.default_rng(5)
     resistances = modelled_resistances(ROUND)
     uneven = resistances * (g := rng.uniform(0.7, 1.4, 8)) * g[:, None]
-    frames = values_of(uneven, ROUND.pattern.table)[None]
+    frames = signed_voltages(ROUND.pattern.table, uneven)[None]
     expected = known_values(frames, ROUND)
     truth = scramble(frames, Completion(ROUND, resistances), np.random.default_rng(8))
     found = diagnose(truth.frames, ROUND, expected)
@@ -157,7 +159,7 @@ def test_a_dead_electrode_of_a_skin_with_few_large_values_is_named(dead: int) ->
     """A quarter of the values is 30 times as large as the others, as of a skin with a gap."""
     skin = replace(UNEVEN, pattern=opposition_pattern(8))
     large = (skin.pattern.table[:, 2:] == 0).any(axis=1)
-    frames = np.abs(values_of(modelled_resistances(skin), skin.pattern.table))[None]
+    frames = np.abs(signed_voltages(skin.pattern.table, modelled_resistances(skin)))[None]
     frames = frames * np.where(large, 30, 1)
     expected = known_values(frames, skin)
     numbers = Wiring(0, 3, -1).numbers(8)
@@ -196,7 +198,7 @@ def test_equal_meaning_is_equal_voltage_and_no_more() -> None:
         for drive in ((0, 1), (1, 0), (2, 4), (3, 5))
         for sense in ((2, 4), (4, 2), (3, 5), (0, 1))
     ])  # fmt: skip
-    sizes = np.abs(values_of(resistances, table))
+    sizes = np.abs(signed_voltages(table, resistances))
     code = meaning(table, 6, magnitudes=True)
     same = np.isclose(sizes[:, None], sizes)
     np.testing.assert_array_equal(code[:, None] == code, same)
