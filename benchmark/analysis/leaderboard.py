@@ -251,7 +251,7 @@ def _known_numbers(cell: pd.DataFrame, name: str) -> Array:
 def _below_ceiling(scenario: str, data_hash: str | None, cell: pd.DataFrame) -> Row:
     found = None
     if {"psnr", "sample"} <= set(cell):
-        psnr, clusters = numbers(cell, "psnr"), cell.get("cluster", cell["sample"])
+        psnr, clusters = numbers(cell, "psnr"), cell["cluster"]
         samples = cell["sample"].to_numpy()
         found = below_ceiling(scenario, data_hash, samples, psnr, clusters)
     ends = ("below_ceiling_db", "below_ceiling_db_low", "below_ceiling_db_high")

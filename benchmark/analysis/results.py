@@ -203,7 +203,9 @@ def _read_run(path: Path) -> Run:
         raise DataCorruptError(f"{notes} is damaged: delete it and run the suite again.") from error
     # Tracks have rows of the same samples, once each.
     most = sum(manifest.samples_of(content).values()) * max(1, len(content.get("cells", [])))
-    samples = checked_table(path / SAMPLES, kind, ("suite", *labels, "sample", "status"), most)
+    needed = ("suite", *labels, "sample", "status", "cluster")
+    needed += METRIC_COLUMNS if kind == METHOD_RUNS else ()
+    samples = checked_table(path / SAMPLES, kind, needed, most)
     cells = checked_table(path / kind.table, kind, labels, most)
     if len(samples) and cells.empty:
         raise DataCorruptError(f"{path / kind.table} is empty: run the suite again.")

@@ -129,12 +129,6 @@ def _standing(board: Sequence[Entry]) -> Standing:
         row |= _gaps(entry, by)
     places = _whole(board)
     cells = [in_order(board[place].cell) for place in places]
-    if any("cluster" not in cell for cell in cells):
-        why = (
-            "Intervals need to know which samples share a session, and a run does not say so: run "
-            "the suite again."
-        )
-        return Standing(rows, [], 0, why)
     clusters = cells[0]["cluster"].nunique() if cells else 0
     if clusters < MIN_CLUSTERS:
         why = (

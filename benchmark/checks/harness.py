@@ -14,11 +14,30 @@ from pydantic import TypeAdapter
 
 from eitbench.benchmark.workers.messages import Reply, WorkerLostError, array_in, parsed
 from eitbench.benchmark.workers.restarting import RESTARTS, RestartingWorker, SetUpFailedError
-from eitbench.scenarios.arrays import Images
+from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.errors import counted
 
 LIMIT_S = 60.0
+
+MEMORY_MIB = 4.0
+"""Allowed growth of memory, which allocators keep for later.
+
+It is two huge pages of Linux. A method that keeps its images of 40 x 40 pixels, in double
+precision, grows by 7 MiB over 600 frames; a slow one is asked for fewer, so that it has to keep
+more of each to be found.
+"""
+
+NO_NETWORK = "it uses the network", "methods work without one"
+NO_WRITING = (
+    "it writes or changes files elsewhere",
+    "`tempfile` and eitbench's cache are where a method may write",
+)
+NO_PROGRAMS = (
+    "it starts other programs",
+    "what they do cannot be watched, so give the reason in `expected_failures`",
+)
+"""What was seen, and what to do instead."""
 
 Status = Literal["passed", "failed", "xfail", "skipped"]
 
@@ -155,6 +174,50 @@ def require(condition: bool, sentence: str) -> None:
     """Raise a `BrokenError` unless `condition` holds."""
     if not condition:
         raise BrokenError(sentence)
+
+
+def require_refusal(reply: Reply, what: str, advice: str) -> None:
+    """Require that the answer to a wrong input is a `ValueError`; `advice` says what raises one."""
+    require(
+        reply.failure is not None and "ValueError" in reply.failure.kinds,
+        f"{what} should raise a ValueError that says what is wrong; {advice}",
+    )
+
+
+def require_own_generators(changed: Mapping[str, Sequence[str]]) -> None:
+    """Require that no step has `changed` a global random generator: others depend on them."""
+    for step, generators in changed.items():
+        require(
+            not generators,
+            f"{step} changes the global random generator of {' and '.join(generators)}: "
+            "use a generator of your own.",
+        )
+
+
+def require_unseen(noted: Sequence[str], what: str, advice: str) -> None:
+    """Require that nothing was `noted` while the method was loaded, fitted and asked."""
+    more = f" and {len(noted) - 1} more" if len(noted) > 1 else ""
+    require(not noted, f"{what} ({noted[0]}{more}): {advice}." if noted else "")
+
+
+def require_quiet(log: Path, ask: Callable[[], object], what: str) -> None:
+    """Require that nothing is printed into `log` while it is asked, between lines of others."""
+    before = log.stat().st_size
+    ask()
+    text = log.read_text(errors="replace")[before:].strip()
+    require(not text, f"{what} prints: {text[:80]!r}.")
+
+
+def steady_memory(answer: Callable[..., Any], frames: Array, what: str) -> str:
+    """Require that memory does not grow over many frames, and say by how much it does."""
+    calls, mib = answer(tuple[int, float], "repeat", frames)
+    if mib > MEMORY_MIB:
+        calls, mib = answer(tuple[int, float], "repeat", frames, calls)
+    said = (
+        f"memory grows by {max(mib, 0.0):.2g} MiB over {calls} {what}; {MEMORY_MIB:g} is allowed."
+    )
+    require(mib <= MEMORY_MIB, said)
+    return said
 
 
 def checks_in(module: ModuleType) -> list[Check]:

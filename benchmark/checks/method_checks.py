@@ -11,17 +11,26 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from eitbench.benchmark.checks.harness import GivenUpError, SkippedError, require
+from eitbench.benchmark.checks.harness import (
+    NO_NETWORK,
+    NO_PROGRAMS,
+    NO_WRITING,
+    GivenUpError,
+    SkippedError,
+    require,
+    require_own_generators,
+    require_quiet,
+    require_refusal,
+    require_unseen,
+    steady_memory,
+)
 from eitbench.benchmark.checks.method_under_test import (
     CONTRAST,
     GAIN,
-    MEMORY_MIB,
     MethodUnderTest,
     disc,
 )
-from eitbench.benchmark.workers.audit_hook import Kind
 from eitbench.benchmark.workers.messages import BROKEN_CONTRACT
-from eitbench.benchmark.workers.method_service import Frames
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.imperfections.noise import add_noise
 from eitbench.scenarios.seeds import generator
@@ -66,6 +75,8 @@ OTHER_DRAWS = 0.3
 """Allowed relative change of deviations by other draws: those of 39 vary by 1 / sqrt(2 * 38)."""
 
 BATCH = 8
+
+REFUSES = "Problem.difference(voltages) raises one."
 
 
 def shape(tested: MethodUnderTest) -> None:
@@ -130,39 +141,20 @@ def seed(tested: MethodUnderTest) -> str:
 
 
 def random_state(tested: MethodUnderTest) -> None:
-    """Leaves the global random state alone.
-
-    Others depend on it.
-    """
-    for step, generators in tested.answer(
-        dict[str, list[str]], "random_state", tested.contact
-    ).items():
-        require(
-            not generators,
-            f"{step} changes the global random generator of {' and '.join(generators)}: "
-            "use a generator of your own.",
-        )
+    """Leaves the global random state alone."""
+    require_own_generators(tested.answer(dict[str, list[str]], "random_state", tested.contact))
 
 
 def wrong_length(tested: MethodUnderTest) -> None:
     """Refuses frames of the wrong length."""
-    _require_refusal(tested, tested.frames[:, :-1], "frames with a value too few")
+    require_refusal(tested.ask(tested.frames[:, :-1]), "frames with a value too few", REFUSES)
 
 
 def nan_voltages(tested: MethodUnderTest) -> None:
     """Refuses frames with NaN."""
     frames = tested.frames.copy()
     frames[1, 0] = np.nan
-    _require_refusal(tested, frames, "frames with a NaN")
-
-
-def _require_refusal(tested: MethodUnderTest, frames: Frames, what: str) -> None:
-    failure = tested.ask(frames).failure
-    advice = "Problem.difference(voltages) raises one."
-    require(
-        failure is not None and "ValueError" in failure.kinds,
-        f"{what} should raise a ValueError that says what is wrong; {advice}",
-    )
+    require_refusal(tested.ask(frames), "frames with a NaN", REFUSES)
 
 
 def zero_contrast(tested: MethodUnderTest) -> str:
@@ -411,14 +403,7 @@ def novelty(tested: MethodUnderTest) -> str:
 def memory(tested: MethodUnderTest) -> str:
     """Memory does not grow."""
     tested.images(tested.contact)
-    calls, mib = tested.answer(tuple[int, float], "repeat", tested.contact)
-    if mib > MEMORY_MIB:
-        calls, mib = tested.answer(tuple[int, float], "repeat", tested.contact, calls)
-    said = (
-        f"memory grows by {max(mib, 0.0):.2g} MiB over {calls} frames; {MEMORY_MIB:g} is allowed."
-    )
-    require(mib <= MEMORY_MIB, said)
-    return said
+    return steady_memory(tested.answer, tested.contact, "frames")
 
 
 # It takes another worker, so it comes after what compares with the first one's images.
@@ -433,15 +418,9 @@ def deterministic(tested: MethodUnderTest) -> str:
 
 
 def quiet(tested: MethodUnderTest) -> None:
-    """Prints nothing.
-
-    It would stand between others' output.
-    """
+    """Prints nothing."""
     tested.images(tested.contact)
-    before = tested.log.stat().st_size
-    tested.again(tested.contact)
-    text = tested.log.read_text(errors="replace")[before:].strip()
-    require(not text, f"reconstruct prints: {text[:80]!r}.")
+    require_quiet(tested.log, lambda: tested.again(tested.contact), "reconstruct")
 
 
 def threads(tested: MethodUnderTest) -> str:
@@ -454,27 +433,20 @@ def threads(tested: MethodUnderTest) -> str:
 # What the processes were seen to do comes after all that makes them do something.
 def no_network(tested: MethodUnderTest) -> None:
     """Uses no network."""
-    _require_unseen(tested, "network", "it uses the network", "methods work without one")
+    tested.images(tested.contact)
+    require_unseen(tested.watch.noted("network"), *NO_NETWORK)
 
 
 def no_writing(tested: MethodUnderTest) -> None:
     """Writes nothing elsewhere."""
-    advice = "`tempfile` and eitbench's cache are where a method may write"
-    _require_unseen(tested, "write", "it writes or changes files elsewhere", advice)
+    tested.images(tested.contact)
+    require_unseen(tested.watch.noted("write"), *NO_WRITING)
 
 
 def no_programs(tested: MethodUnderTest) -> None:
     """Starts no other program."""
-    advice = "what they do cannot be watched, so give the reason in `expected_failures`"
-    _require_unseen(tested, "program", "it starts other programs", advice)
-
-
-def _require_unseen(tested: MethodUnderTest, kind: Kind, what: str, advice: str) -> None:
-    """Require that nothing of the `kind` was noted while the method was loaded, fitted, asked."""
     tested.images(tested.contact)
-    noted = tested.watch.noted(kind)
-    more = f" and {len(noted) - 1} more" if len(noted) > 1 else ""
-    require(not noted, f"{what} ({noted[0]}{more}): {advice}." if noted else "")
+    require_unseen(tested.watch.noted("program"), *NO_PROGRAMS)
 
 
 # Last, as it may cost the worker by taking too long.

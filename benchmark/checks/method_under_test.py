@@ -60,14 +60,6 @@ CONTRAST = 0.5
 # which does not depend on what else the computer does, and so much of the clock for what sleeps.
 REPEATS, LEAST_REPEATS, REPEAT_S, WAIT_S = 600, 4, 1.5, 6.0
 
-MEMORY_MIB = 4.0
-"""Allowed growth of memory, which allocators keep for later.
-
-It is two huge pages of Linux. A method that keeps its images of 40 x 40 pixels, in double
-precision, grows by 7 MiB over 600 frames; a slow one is asked for fewer, so that it has to keep
-more of each to be found.
-"""
-
 Statement = Literal["uncertainty", "novelty"]
 Reason = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
 REASONS = TypeAdapter(dict[str, Reason])

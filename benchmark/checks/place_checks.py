@@ -2,15 +2,24 @@
 
 import numpy as np
 
-from eitbench.benchmark.checks.harness import BrokenError, require
-from eitbench.benchmark.checks.method_under_test import MEMORY_MIB
+from eitbench.benchmark.checks.harness import (
+    NO_NETWORK,
+    NO_PROGRAMS,
+    NO_WRITING,
+    BrokenError,
+    require,
+    require_own_generators,
+    require_quiet,
+    require_refusal,
+    require_unseen,
+    steady_memory,
+)
 from eitbench.benchmark.checks.place_under_test import PlaceUnderTest
-from eitbench.benchmark.workers.audit_hook import Kind
-from eitbench.benchmark.workers.method_service import Frames
 
 SAME_MM = 1e-2
 """Sums in another order, and iterations that stop at a tolerance, move a place by less."""
 OTHER_SEED = 12345
+REFUSES = "PlaceProblem.unit(differences) raises one."
 LEARNED = 0.7
 """Share of the error of guessing that a method may keep after 60 labelled presses."""
 
@@ -77,23 +86,16 @@ def without_labelled(tested: PlaceUnderTest) -> None:
 
 def wrong_length(tested: PlaceUnderTest) -> None:
     """Refuses differences of the wrong length."""
-    _require_refusal(tested, tested.differences[:, :-1], "differences with a value too few")
+    reply = tested.worker.request("locate", tested.differences[:, :-1])
+    require_refusal(reply, "differences with a value too few", REFUSES)
 
 
 def nan_differences(tested: PlaceUnderTest) -> None:
     """Refuses differences with NaN."""
     differences = tested.differences.copy()
     differences[1, 0] = np.nan
-    _require_refusal(tested, differences, "differences with a NaN")
-
-
-def _require_refusal(tested: PlaceUnderTest, differences: Frames, what: str) -> None:
-    failure = tested.worker.request("locate", differences).failure
-    require(
-        failure is not None and "ValueError" in failure.kinds,
-        f"{what} should raise a ValueError that says what is wrong; "
-        "PlaceProblem.unit(differences) raises one.",
-    )
+    reply = tested.worker.request("locate", differences)
+    require_refusal(reply, "differences with a NaN", REFUSES)
 
 
 def seed(tested: PlaceUnderTest) -> str:
@@ -104,23 +106,12 @@ def seed(tested: PlaceUnderTest) -> str:
 
 def random_state(tested: PlaceUnderTest) -> None:
     """Leaves the global random state alone."""
-    found = tested.answer(dict[str, list[str]], "random_state", tested.differences)
-    for step, generators in found.items():
-        require(
-            not generators,
-            f"{step} changes the global random generator of {' and '.join(generators)}: "
-            "use a generator of your own.",
-        )
+    require_own_generators(tested.answer(dict[str, list[str]], "random_state", tested.differences))
 
 
 def memory(tested: PlaceUnderTest) -> str:
     """Memory does not grow."""
-    calls, mib = tested.answer(tuple[int, float], "repeat", tested.differences)
-    if mib > MEMORY_MIB:
-        calls, mib = tested.answer(tuple[int, float], "repeat", tested.differences, calls)
-    said = f"memory grows by {max(mib, 0.0):.2g} MiB over {calls} presses"
-    require(mib <= MEMORY_MIB, f"{said}; {MEMORY_MIB:g} is allowed.")
-    return f"{said}; {MEMORY_MIB:g} is allowed."
+    return steady_memory(tested.answer, tested.differences, "presses")
 
 
 # It takes another worker, so it comes after what compares with the first one's places.
@@ -134,10 +125,7 @@ def deterministic(tested: PlaceUnderTest) -> str:
 
 def quiet(tested: PlaceUnderTest) -> None:
     """Prints nothing."""
-    before = tested.log.stat().st_size
-    tested.ask(tested.differences)
-    text = tested.log.read_text(errors="replace")[before:].strip()
-    require(not text, f"locate prints: {text[:80]!r}.")
+    require_quiet(tested.log, lambda: tested.ask(tested.differences), "locate")
 
 
 def threads(tested: PlaceUnderTest) -> str:
@@ -149,24 +137,17 @@ def threads(tested: PlaceUnderTest) -> str:
 # What the processes were seen to do comes after all that makes them do something.
 def no_network(tested: PlaceUnderTest) -> None:
     """Uses no network."""
-    _require_unseen(tested, "network", "it uses the network")
+    require_unseen(tested.watch.noted("network"), *NO_NETWORK)
 
 
 def no_writing(tested: PlaceUnderTest) -> None:
     """Writes nothing elsewhere."""
-    _require_unseen(tested, "write", "it writes or changes files elsewhere")
+    require_unseen(tested.watch.noted("write"), *NO_WRITING)
 
 
 def no_programs(tested: PlaceUnderTest) -> None:
     """Starts no other program."""
-    _require_unseen(tested, "program", "it starts other programs")
-
-
-def _require_unseen(tested: PlaceUnderTest, kind: Kind, what: str) -> None:
-    """Require that nothing of the `kind` was noted while the method was loaded, fitted, asked."""
-    noted = tested.watch.noted(kind)
-    more = f" and {len(noted) - 1} more" if len(noted) > 1 else ""
-    require(not noted, f"{what} ({noted[0]}{more})." if noted else "")
+    require_unseen(tested.watch.noted("program"), *NO_PROGRAMS)
 
 
 def in_time(tested: PlaceUnderTest) -> str:

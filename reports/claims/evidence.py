@@ -122,10 +122,6 @@ class Evidence:
                 f"{run.path} holds {len(samples)} of {row['data_n']} samples of {name!r}: finish "
                 f"it with `eitbench run --resume {run.path}`."
             )
-        if "cluster" not in samples:
-            raise NotMeasuredError(
-                f"{run.path} does not say which samples share a session: run the suite again."
-            )
         return Measured(run, row, samples)
 
     def _why_missing(self, kind: RunKind, name: str, scenario: str) -> str:

@@ -34,7 +34,7 @@ from eitbench.benchmark.findings.acuity_seen import has_acuity
 from eitbench.benchmark.findings.acuity_specs import ACUITY_SPECS
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.novelty import NOVELTY, SCORES
-from eitbench.benchmark.metrics.specs import ANCHORS, METRIC_COLUMNS, METRICS, anchored
+from eitbench.benchmark.metrics.specs import ANCHORS, METRICS, anchored
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import kept_open
@@ -150,13 +150,12 @@ def report_data(paths: Sequence[Path]) -> ReportData:
 def report_of(runs: Sequence[Run]) -> ReportData:
     """Return everything that a report shows of runs.
 
-    Images, samples or columns that a run lacks are left out, and `missing` says so.
+    Images and samples that a run lacks are left out, and `missing` says so.
 
     Raises:
         InputError: runs without results, or of methods and of operators.
     """
     missing: list[str] = []
-    runs = [_with_all_columns(run, missing) for run in runs]
     found = [
         (standing, apart, of_kind)
         for kind in ("method", "operator")
@@ -296,19 +295,6 @@ def name_kinds(boards: Sequence[BoardData]) -> None:
     for board in boards:
         if len(kinds[board["name"]]) > 1:
             board["name"] += f" ({board['kind']}s)"
-
-
-def _with_all_columns(run: Run, missing: list[str]) -> Run:
-    """Return a run of methods with empty columns for the figures that it lacks."""
-    if run.kind.name != "method" or run.samples.empty:
-        return run
-    lacking = [name for name in METRIC_COLUMNS if name not in run.samples]
-    missing += [
-        f"{run.path.name} has no column {name!r}, and nothing that rests on it is shown: score it "
-        f"again with `eitbench rescore {run.path}`."
-        for name in lacking
-    ]
-    return replace(run, samples=run.samples.assign(**dict.fromkeys(lacking, np.nan)))
 
 
 def _claims(runs: Sequence[Run], missing: list[str]) -> list[dict[str, str]]:

@@ -31,7 +31,7 @@ from eitbench.reports.page.report_data import (
     ReportData,
     largest,
     ranking_figures,
-    report_data,
+    report_of,
 )
 from eitbench.reports.tables.columns import printable
 from eitbench.reports.tables.gaps import run_tier
@@ -251,10 +251,10 @@ def _edition(folder: Path, version: str) -> Edition:
             left_out.append(f"{path.name} is left out: it is a link")
             continue
         try:
-            report = report_data([path])
-            to_page(report)
-            suite = str(manifest.read(path)["plan"]["suite"]["name"])
             run = read_run(path)
+            report = report_of([run])
+            to_page(report)
+            suite = str(run.manifest["plan"]["suite"]["name"])
             if is_submission(path):
                 read_statement(path)
             ranked = is_ranked(run)
@@ -291,7 +291,7 @@ def _edition(folder: Path, version: str) -> Edition:
 
 def _part(suite: str, found: Sequence[tuple[Run, ReportData]]) -> SuitePart:
     runs = [run for run, _ in found]
-    report = found[0][1] if len(found) == 1 else report_data([run.path for run in runs])
+    report = found[0][1] if len(found) == 1 else report_of(runs)
     for run, origin in zip(runs, report["runs"], strict=True):
         origin["checked"] = run_tier(run)
     return SuitePart(suite, runs, report)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.support.waiting import wait_for
 
 from eitbench.hardware.board import Board, BoardLostError, Frame
 from eitbench.hardware.live.run import LiveView, live_view
@@ -132,17 +133,6 @@ def board() -> FoamBoard:
 
 
 @pytest.fixture
-def wait_for() -> Callable[..., None]:
-    def wait(condition: Callable[[], object], seconds: float = 20.0) -> None:
-        end = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < end, "it did not come to that"
-            time.sleep(0.01)
-
-    return wait
-
-
-@pytest.fixture
 def watch(tmp_path: Path) -> Iterator[Callable[..., Watched]]:
     """Makes a session of a board, without a server."""
     with ExitStack() as running:
@@ -161,7 +151,7 @@ def watched(watch: Callable[..., Watched], board: FoamBoard) -> Watched:
 
 
 @pytest.fixture
-def running(watched: Watched, wait_for: Callable[..., None]) -> Watched:
+def running(watched: Watched) -> Watched:
     """A session that shows images."""
     watched.session.start("noser")
     wait_for(lambda: watched.images and watched.newest.image is not None)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.support.waiting import wait_for
 
 from eitbench.hardware.live.viewer import LiveImage
 from eitbench.hardware.recording.guided import StepDurations
@@ -21,7 +22,7 @@ PLACES = [(0.03, 0.04), (0.07, 0.06)]
 PLACE = (0.03, 0.06)
 
 
-def test_a_slow_viewer_never_delays_the_recording(running: Any, board: Any, wait_for: Any) -> None:
+def test_a_slow_viewer_never_delays_the_recording(running: Any, board: Any) -> None:
     """Frames go on at the board's rate while one live_image takes forever."""
     stuck = threading.Event()
 
@@ -45,7 +46,7 @@ def test_a_slow_viewer_never_delays_the_recording(running: Any, board: Any, wait
 
 
 def test_a_recording_runs_until_its_file_is_whole(
-    running: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
+    running: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Who sees that it has ended opens its file."""
     states = []
@@ -64,7 +65,7 @@ def test_a_recording_runs_until_its_file_is_whole(
 
 
 def test_a_full_disk_ends_the_recording_only(
-    running: Any, wait_for: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    running: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(self: Recorder, frame: Any) -> None:
         raise RecorderError("The recording was stopped, since the disk is full.")
@@ -85,9 +86,7 @@ def test_a_full_disk_ends_the_recording_only(
     assert len(running.recorded()) > 2
 
 
-def test_a_reference_that_is_taken_while_recording_is_marked_in_the_file(
-    running: Any, wait_for: Any
-) -> None:
+def test_a_reference_that_is_taken_while_recording_is_marked_in_the_file(running: Any) -> None:
     running.session.start_recording()
     wait_for(lambda: running.recording["frames"] > 2)
     before = running.session.imaging.reference
@@ -108,7 +107,7 @@ def test_only_one_recording_at_a_time(running: Any) -> None:
 
 
 @pytest.fixture
-def hold(running: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+def hold(running: Any, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
     """Hold a touch until it has settled, here after 0.1 s, and for so many frames more."""
     monkeypatch.setattr(StepDurations, "settle_s", 0.1)
 
@@ -121,7 +120,7 @@ def hold(running: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch) -> Callab
 
 
 def test_touched_places_become_labels_and_the_recording_a_suite(
-    running: Any, hold: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
+    running: Any, hold: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A touch counts once it has settled; its label holds the place that was pressed."""
     running.session.start_recording()
@@ -151,9 +150,7 @@ def test_touched_places_become_labels_and_the_recording_a_suite(
     assert own.recorded_set.truth == "position"
 
 
-def test_nothing_is_touched_while_a_recording_takes_its_reference(
-    running: Any, board: Any, wait_for: Any
-) -> None:
+def test_nothing_is_touched_while_a_recording_takes_its_reference(running: Any, board: Any) -> None:
     untouched = board._clean
     running.session.start_recording()
     with pytest.raises(InputError, match="Do not touch it yet"):
@@ -165,7 +162,7 @@ def test_nothing_is_touched_while_a_recording_takes_its_reference(
 
 
 def test_a_touch_that_leaves_the_sensor_ends_and_has_no_label(
-    running: Any, board: Any, hold: Any, wait_for: Any
+    running: Any, board: Any, hold: Any
 ) -> None:
     untouched = board._clean
     running.session.start_recording()
@@ -178,9 +175,7 @@ def test_a_touch_that_leaves_the_sensor_ends_and_has_no_label(
     assert running.recorded().labels[["x_m", "y_m"]].to_numpy().tolist() == [list(PLACE)]
 
 
-def test_an_impossible_frame_is_named_and_blamed_on_no_method(
-    running: Any, board: Any, wait_for: Any
-) -> None:
+def test_an_impossible_frame_is_named_and_blamed_on_no_method(running: Any, board: Any) -> None:
     board.gain = 3e38
     wait_for(lambda: running.newest.failed)
     assert running.newest.failed.startswith("The frame holds ")
@@ -191,7 +186,7 @@ def test_an_impossible_frame_is_named_and_blamed_on_no_method(
 
 
 def test_on_a_real_board_places_go_into_a_recording_alone(
-    running: Any, board: Any, hold: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
+    running: Any, board: Any, hold: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(type(board), "can_be_pressed", False)
     with pytest.raises(InputError, match="Start a recording first"):

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.support.waiting import wait_for
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
@@ -153,7 +154,7 @@ def test_a_page_is_told_how_old_its_image_is(served: Any) -> None:
         assert json.loads(received)["age_s"] > 1
 
 
-def test_a_page_that_goes_away_lets_go(served: Any, board: Any, wait_for: Any) -> None:
+def test_a_page_that_goes_away_lets_go(served: Any, board: Any) -> None:
     one = served()
     untouched = board._clean
     with page_of(one) as page:
@@ -233,7 +234,7 @@ def test_a_message_that_is_too_long_ends_the_visit(served: Any) -> None:
         assert closed.value.rcvd.code == 1009
 
 
-def test_only_so_many_pages_are_open(served: Any, wait_for: Any) -> None:
+def test_only_so_many_pages_are_open(served: Any) -> None:
     one = served()
     with ExitStack() as pages:
         for _ in range(MOST_VIEWERS):

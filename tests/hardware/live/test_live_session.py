@@ -5,6 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from tests.support.waiting import wait_for
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from eitbench.hardware.board import BoardError, BoardLostError
@@ -54,7 +55,7 @@ class Curious(Method):
         return np.ones((len(voltages), 80, 80))
 
 
-def test_a_touch_appears_where_it_is_made(running: Any, board: Any, wait_for: Any) -> None:
+def test_a_touch_appears_where_it_is_made(running: Any, board: Any) -> None:
     assert list(running.newest.contacts) == []  # noise alone is no touch
     board.press(*PLACE, 0.008, 20e3)
     wait_for(lambda: running.newest.contacts)
@@ -64,26 +65,26 @@ def test_a_touch_appears_where_it_is_made(running: Any, board: Any, wait_for: An
     wait_for(lambda: not running.newest.contacts)
 
 
-def test_methods_are_made_with_the_parameters_that_were_chosen(
-    watch: Any, board: Any, wait_for: Any
-) -> None:
+def test_methods_are_made_with_the_parameters_that_were_chosen(watch: Any, board: Any) -> None:
     """A heavier prior of NOSER makes a fainter image of the same touch."""
-    depths = []
-    for weight in (0.01, 10.0):
+
+    def depth(weight: float) -> float:
         watched = watch(board, {"noser": {"weight": weight}})
         watched.session.start("noser")
-        wait_for(lambda of=watched: of.images and of.newest.image is not None)
+        wait_for(lambda: watched.images and watched.newest.image is not None)
         board.press(*PLACE, 0.008, 20e3)
-        wait_for(lambda of=watched: of.newest.contacts)
-        depths.append(1 - watched.newest.image.min())
+        wait_for(lambda: watched.newest.contacts)
+        found = 1 - watched.newest.image.min()
         board.release()
         watched.session.stop()
-    assert depths[1] < 0.7 * depths[0]
+        return float(found)
+
+    assert depth(10.0) < 0.7 * depth(0.01)
 
 
 @pytest.mark.parametrize("gain", [1.0, 3.7e-3])
 def test_images_do_not_depend_on_the_units_of_the_board(
-    watched: Any, board: Any, wait_for: Any, gain: float
+    watched: Any, board: Any, gain: float
 ) -> None:
     board.gain = gain
     watched.session.start("noser")
@@ -93,9 +94,7 @@ def test_images_do_not_depend_on_the_units_of_the_board(
     assert 0.4 < watched.newest.image.min() < 0.8
 
 
-def test_a_new_reference_hides_what_lies_on_the_sensor(
-    running: Any, board: Any, wait_for: Any
-) -> None:
+def test_a_new_reference_hides_what_lies_on_the_sensor(running: Any, board: Any) -> None:
     board.press(*PLACE, 0.008, 20e3)
     wait_for(lambda: running.newest.contacts)
     running.session.take_reference()
@@ -103,7 +102,7 @@ def test_a_new_reference_hides_what_lies_on_the_sensor(
     assert running.session.state()["reference_left"] == 0
 
 
-def test_a_reference_of_another_sensor_is_said(watched: Any, board: Any, wait_for: Any) -> None:
+def test_a_reference_of_another_sensor_is_said(watched: Any, board: Any) -> None:
     board.gain = -1.0
     watched.session.start("noser")
     wait_for(lambda: "drive pattern" in str(watched.session.state()["sentence"]))
@@ -114,7 +113,7 @@ def test_a_reference_of_another_sensor_is_said(watched: Any, board: Any, wait_fo
 
 
 def test_the_old_method_shows_until_the_new_one_is_ready(
-    running: Any, board: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
+    running: Any, board: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     go, fit = threading.Event(), Moody.fit
 
@@ -141,7 +140,7 @@ def test_the_old_method_shows_until_the_new_one_is_ready(
 
 
 def test_a_method_that_cannot_be_fitted_leaves_the_old_one(
-    running: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
+    running: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Moody, "monday", True)
     running.session.imaging.choose("test-moody")
@@ -168,7 +167,7 @@ def test_methods_that_are_said_to_learn_first_do(name: str) -> None:
         create(name).fit(problem)
 
 
-def test_methods_compute_without_helper_threads(watched: Any, wait_for: Any) -> None:
+def test_methods_compute_without_helper_threads(watched: Any) -> None:
     with threadpool_limits(2):
         watched.session.start("test-curious")
         wait_for(lambda: watched.images and watched.newest.image is not None)
@@ -179,7 +178,7 @@ def test_methods_compute_without_helper_threads(watched: Any, wait_for: Any) -> 
 
 
 def test_a_board_that_is_lost_is_opened_again(
-    running: Any, board: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
+    running: Any, board: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(session, "RETRY_S", 0.1)
     running.session.start_recording()
@@ -203,9 +202,7 @@ def test_a_board_that_is_lost_is_opened_again(
 
 
 @pytest.mark.parametrize("error", [BoardError("It speaks openeit."), RuntimeError("a bug")])
-def test_no_error_of_a_board_stops_the_view(
-    running: Any, board: Any, wait_for: Any, error: Exception
-) -> None:
+def test_no_error_of_a_board_stops_the_view(running: Any, board: Any, error: Exception) -> None:
     board.faulty = error
     wait_for(lambda: str(error) in str(running.session.state()["sentence"]))
     wait_for(lambda: running.session.state()["board"] == "running")
@@ -222,9 +219,7 @@ def test_what_cannot_start_is_said_at_once(watched: Any, board: Any) -> None:
         watched.session.start("noser")
 
 
-def test_rate_and_noise_are_measured(
-    running: Any, wait_for: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rate_and_noise_are_measured(running: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session, "STATUS_S", 0.0)  # a figure of all frames so far
     wait_for(lambda: len(running.images) > 60)
     state: Any = running.session.state()
