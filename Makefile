@@ -76,6 +76,7 @@ $(STAMPS)/demo: $(STAMPS)/venv pyproject.toml constraints.txt
 
 $(STAMPS)/test: $(STAMPS)/demo
 	$(BIN)/pip install --quiet -c constraints.txt -e '.[test]'
+	$(BIN)/python tests/support/compile_solver.py
 	@touch $@
 
 $(STAMPS)/mutants: $(STAMPS)/test

@@ -19,6 +19,7 @@ from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, Interval, bootst
 from eitbench.scenarios.arrays import Array, Index
 
 RECORDS = Path(__file__).parent / "records"
+_NOTHING = pd.DataFrame(columns=["scenario", "sample", "version", "input_hash", "mse"])
 
 
 @lru_cache(maxsize=1)
@@ -39,8 +40,7 @@ def recorded_frames(scenario: str, data_hash: str | None) -> pd.DataFrame:
     The hash of what decides the data and the number of the sample say which frame it is. Its bits
     do not: the last ones depend on the processor.
     """
-    nothing = pd.DataFrame(columns=["scenario", "sample", "version", "input_hash", "mse"])
-    return _stored().get((scenario, data_hash), nothing)
+    return _stored().get((scenario, data_hash), _NOTHING)
 
 
 def recorded_runs(suite: str) -> list[dict[str, Any]]:
@@ -66,8 +66,10 @@ def below_ceiling(
         psnr: (n,) [dB] of the method.
         clusters: (n,) see `bootstrap`.
     """
-    known = recorded_frames(scenario, data_hash)["mse"]
-    least = known.reindex(samples).to_numpy(np.float64)
+    known = recorded_frames(scenario, data_hash)
+    if known.empty:  # as of most scenarios
+        return None
+    least = known["mse"].reindex(samples).to_numpy(np.float64)
     both = np.isfinite(least) & np.isfinite(psnr)
     drawn_with = np.asarray(clusters)[both]
     if len(np.unique(drawn_with)) < MIN_CLUSTERS:
