@@ -4,6 +4,7 @@ import json
 from typing import Any
 
 from docs.tables.record import STUDIES, printed
+
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.physics.forward import forward_model
 
