@@ -337,7 +337,10 @@ def changed_run(run: Path, psnr: float) -> Path:
 
 @pytest.mark.parametrize(
     ("psnr", "says"),
-    [(0.01, "1 of 30 samples of n"), (2.0**-52, "the last bits of psnr on n")],
+    [
+        pytest.param(0.01, "1 of 30 samples of n", marks=pytest.mark.slow),
+        (2.0**-52, "the last bits of psnr on n"),
+    ],
 )
 def test_what_changed_is_found_to_the_last_bit(
     run: Path, record: Path, tmp_path: Path, psnr: float, says: str

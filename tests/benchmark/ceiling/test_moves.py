@@ -34,7 +34,13 @@ def test_an_emulator_of_particles_that_are_alike_is_finite() -> None:
 
 
 @pytest.mark.parametrize("proposals", PROPOSALS)
-@pytest.mark.parametrize("name", ["circle", "rectangle", "two-circles"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "circle",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("rectangle", "two-circles")),
+    ],
+)
 def test_without_a_frame_moves_keep_the_law_of_phantoms(name: str, proposals: Proposals) -> None:
     """Every parameter of moved draws of the generator is distributed as that of others."""
     (prior,), rng = FamilyPrior.of(FAMILIES[name], SENSOR), np.random.default_rng(1)

@@ -170,7 +170,7 @@ def test_the_budget_of_seconds_ends_a_study_and_is_recorded(
 
 @pytest.mark.parametrize(
     "after",
-    [0, pytest.param(1, marks=pytest.mark.slow), 7, pytest.param(15, marks=pytest.mark.slow)],
+    [7, *(pytest.param(trials, marks=pytest.mark.slow) for trials in (0, 1, 15))],
 )
 def test_a_study_that_was_stopped_goes_on_where_it_stood(
     after: int, asked: list[dict[str, Any]], tmp_path: Path

@@ -585,7 +585,7 @@ UNEVEN = TINY.model_copy(
 )
 
 
-@pytest.mark.parametrize("gain_power", [0.0, 1.0])
+@pytest.mark.parametrize("gain_power", [pytest.param(0.0, marks=pytest.mark.slow), 1.0])
 def test_a_network_sees_in_training_what_it_sees_in_use(
     gain_power: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

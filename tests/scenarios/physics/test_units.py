@@ -34,7 +34,9 @@ def apart_db(one: Array, other: Array) -> float:
     return float(20 * np.log10(np.linalg.norm(other) / np.linalg.norm(one - other)))
 
 
-@pytest.mark.parametrize("electrodes", UNITS)
+@pytest.mark.parametrize(
+    "electrodes", [UNITS[0], *(pytest.param(of, marks=pytest.mark.slow) for of in UNITS[1:])]
+)
 def test_a_unit_is_solved_on_the_mesh_of_the_nominal_sensor_as_on_its_own(
     electrodes: tuple[Electrode, ...],
 ) -> None:
