@@ -128,8 +128,7 @@ class Run:
 
     @cached_property
     def _by_cell(self) -> dict[tuple[str, str], pd.DataFrame]:
-        cells = self.samples.groupby(["scenario", "method"], sort=False)
-        return {(str(s), str(m)): cell for (s, m), cell in cells}
+        return rows_of(self.samples)
 
     @cached_property
     def parameters(self) -> dict[tuple[str, str], Any]:
@@ -239,12 +238,17 @@ def fastest_solves(cells: pd.DataFrame, about: Mapping[str, Any]) -> dict[str, f
     return fastest
 
 
+def rows_of(table: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
+    """Rows of a table by scenario and method, in the order of the run."""
+    if table.empty:
+        return {}
+    grouped = table.groupby(["scenario", "method"], sort=False)
+    return {(str(scenario), str(method)): rows for (scenario, method), rows in grouped}
+
+
 def cells_of(samples: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
     """Rows of each scenario and method, by sample, in the order of the run."""
-    if samples.empty:
-        return {}
-    cells = samples.groupby(["scenario", "method"], sort=False)
-    return {(str(s), str(m)): in_order(cell) for (s, m), cell in cells}
+    return {cell: in_order(rows) for cell, rows in rows_of(samples).items()}
 
 
 def in_order(rows: pd.DataFrame) -> pd.DataFrame:

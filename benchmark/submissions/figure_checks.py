@@ -18,13 +18,14 @@ from eitbench.benchmark.analysis.rescore import ROUNDING, rescored
 from eitbench.benchmark.analysis.results import (
     NOTES_FILE,
     cells_of,
+    rows_of,
 )
 from eitbench.benchmark.analysis.standings import standings
 from eitbench.benchmark.metrics.evaluation import fit_registration
 from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import read_validation
-from eitbench.benchmark.submissions.submission import LEADERBOARD, Submission, rows_of
+from eitbench.benchmark.submissions.submission import LEADERBOARD, Submission
 from eitbench.scenarios.similarity import Similarity
 from eitbench.scenarios.suites.scenario import RecordedScenario
 

@@ -16,6 +16,7 @@ from eitbench.benchmark.analysis.rescore import FIGURES
 from eitbench.benchmark.analysis.results import (
     cells_of,
     describe_actions,
+    rows_of,
 )
 from eitbench.benchmark.metrics.novelty import SCORES
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
@@ -28,7 +29,7 @@ from eitbench.benchmark.rundir.run_arrays import TRUTH, names_in
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import columns_of
 from eitbench.benchmark.submissions.statement import STATEMENT, read_statement, unfilled
-from eitbench.benchmark.submissions.submission import FILES, FOLDER, Submission, rows_of
+from eitbench.benchmark.submissions.submission import FILES, FOLDER, Submission
 from eitbench.methods.registry import METHOD_REGISTRY, usable_name
 from eitbench.scenarios.storage.files import sha256_of
 from eitbench.scenarios.suites.suite import load_suite, suites

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import pandas as pd
-
 from eitbench.benchmark.analysis.results import (
     NOTES_FILE,
     Run,
     read_run,
+    rows_of,
 )
 from eitbench.benchmark.run.method_cell import MethodData
 from eitbench.benchmark.rundir import manifest as manifests
@@ -107,9 +106,3 @@ def unknown_training(of: Submission) -> list[str]:
         for (scenario, method), rows in rows_of(of.run.cells).items()
         if rows["overlap"].isna().any()
     ]
-
-
-def rows_of(table: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
-    """Rows of a table by scenario and method."""
-    grouped = table.groupby(["scenario", "method"], sort=False)
-    return {(str(scenario), str(method)): rows for (scenario, method), rows in grouped}
