@@ -28,9 +28,6 @@ _CHECKS = {
 }  # fmt: skip
 
 
-_SAMPLER = ("apart_db", "apart_low", "apart_high", "agreed", "exact", "within_95")
-
-
 def frames(suite: str = "noise") -> pd.DataFrame:
     """Return the recorded frames of a suite, scenario after scenario."""
     scenarios = load_suite(suite).scenarios
@@ -43,17 +40,6 @@ def _figures(suite: str, columns: dict[str, tuple[str, str]]) -> str:
         for row in summary(frames(suite)).to_dict("records")
     ]
     return printed(["", *(head for head, _ in columns.values())], rows)
-
-
-def _by_sampler(suite: str) -> str:
-    """Checks of the frames that each version of the sampler drew."""
-    rows = []
-    for (level, version), of in frames(suite).groupby(["snr_db", "version"]):
-        (row,) = summary(of).to_dict("records")
-        checks = (f"{row[name]:{_CHECKS[name][1]}}" for name in _SAMPLER)
-        rows.append([f"{level:g} dB", str(version), str(len(of)), *checks])
-    heads = ["", "version", "frames", *(_CHECKS[name][0] for name in _SAMPLER)]
-    return printed(heads, rows, [False, *[True] * (len(heads) - 1)])
 
 
 def _below(suite: str) -> str:
@@ -132,7 +118,6 @@ TABLES = {
     "ceiling by offset": lambda: _offsets("snr"),
     "ceiling by offset with the same noise": lambda: _offsets("noise"),
     "ceiling": lambda: _figures("noise", _COLUMNS),
-    "ceiling by sampler of shapes": lambda: _by_sampler("shapes"),
     "ceiling checks": lambda: _figures("noise", _CHECKS),
     "below the ceiling": lambda: _below("noise"),
     "ceiling of shapes": lambda: _figures("shapes", _COLUMNS),
