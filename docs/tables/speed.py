@@ -8,7 +8,6 @@ from docs.tables.record import STUDIES, printed
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.physics.forward import forward_model
 
-
 AIM = 1.4
 """What a solve with gradient should take, in solves."""
 
