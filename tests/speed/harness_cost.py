@@ -185,7 +185,8 @@ def main() -> None:
         print(f"{given.jobs} jobs {jobs_s:.1f} s: {seconds / jobs_s:.2f} times as fast")
     if given.json:
         record = {
-            "command": f"python tests/speed/harness_cost.py {' '.join(sys.argv[1:])}",
+            "command": "python tests/speed/harness_cost.py "
+            + " ".join(word for word in sys.argv[1:] if word not in ("--json", str(given.json))),
             "machine": f"{cpu_model()}, Python {platform.python_version()}",
             "calibration_ms": sorted(solves)[len(solves) // 2],
             "suite": given.suite,
