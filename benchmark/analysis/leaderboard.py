@@ -250,10 +250,9 @@ def _known_numbers(cell: pd.DataFrame, name: str) -> Array:
 
 def _below_ceiling(scenario: str, data_hash: str | None, cell: pd.DataFrame) -> Row:
     found = None
-    if {"psnr", "sample"} <= set(cell):
-        psnr, clusters = numbers(cell, "psnr"), cell["cluster"]
-        samples = cell["sample"].to_numpy()
-        found = below_ceiling(scenario, data_hash, samples, psnr, clusters)
+    if "psnr" in cell:  # columns of nothing but NaN are left out
+        psnr, samples = numbers(cell, "psnr"), cell["sample"].to_numpy()
+        found = below_ceiling(scenario, data_hash, samples, psnr, cell["cluster"])
     ends = ("below_ceiling_db", "below_ceiling_db_low", "below_ceiling_db_high")
     return dict.fromkeys(ends) if found is None else dict(zip(ends, found, strict=True))
 

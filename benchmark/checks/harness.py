@@ -28,6 +28,7 @@ precision, grows by 7 MiB over 600 frames; a slow one is asked for fewer, so tha
 more of each to be found.
 """
 
+# What was seen, and what to do instead.
 NO_NETWORK = "it uses the network", "methods work without one"
 NO_WRITING = (
     "it writes or changes files elsewhere",
@@ -37,7 +38,6 @@ NO_PROGRAMS = (
     "it starts other programs",
     "what they do cannot be watched, so give the reason in `expected_failures`",
 )
-"""What was seen, and what to do instead."""
 
 Status = Literal["passed", "failed", "xfail", "skipped"]
 
@@ -209,7 +209,7 @@ def require_quiet(log: Path, ask: Callable[[], object], what: str) -> None:
 
 
 def steady_memory(answer: Callable[..., Any], frames: Array, what: str) -> str:
-    """Require that memory does not grow over many frames, and say by how much it does."""
+    """Require that memory does not grow over many frames (n, M), and say by how much it does."""
     calls, mib = answer(tuple[int, float], "repeat", frames)
     if mib > MEMORY_MIB:
         calls, mib = answer(tuple[int, float], "repeat", frames, calls)

@@ -30,7 +30,6 @@ from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.suites.suite import load_suite
 
 FILE_NAME = "readings.json"
-"""Test samples that are read by default: TV takes seconds for some frames that are read wrongly."""
 
 AXES: Mapping[str, Callable[[Array], Array]] = {
     "as they are": lambda images: images,

@@ -56,7 +56,7 @@ def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]
         The files, the page first; and what the runs lack, a sentence each, as on the page.
 
     Raises:
-        InputError, DataCorruptError: as for `report_data.report_data`.
+        InputError, DataCorruptError: as for `read_run` and `report_of`.
         EitbenchError: the files cannot be written.
     """
     read = [read_run(run) for run in runs]

@@ -26,7 +26,6 @@ from eitbench.benchmark.analysis.results import (
     code_of,
     describe_training,
     failures,
-    read_run,
 )
 from eitbench.benchmark.analysis.sensitivity import SAMPLES, sensitivity
 from eitbench.benchmark.analysis.standings import Standing, score_weights, standings
@@ -135,16 +134,6 @@ class ReportData(TypedDict):
     claims: list[dict[str, str]]
     missing: list[str]
     runs: list[dict[str, Any]]
-
-
-def report_data(paths: Sequence[Path]) -> ReportData:
-    """Read everything that a report shows of run directories.
-
-    Raises:
-        InputError: no run directory, one without results, or runs of methods and of operators.
-        DataCorruptError: a table of a run is damaged.
-    """
-    return report_of([read_run(path) for path in paths])
 
 
 def report_of(runs: Sequence[Run]) -> ReportData:

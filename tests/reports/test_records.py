@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest
+from tests.support.reports import report_data
 from typer.testing import CliRunner
 
 from eitbench.benchmark.analysis.comparison import compare, read_results
@@ -35,7 +36,6 @@ from eitbench.reports.board.records import (
     write_record,
 )
 from eitbench.reports.page.images import shown_samples
-from eitbench.reports.page.report_data import report_data
 from eitbench.reports.site.site import write_site
 from eitbench.reports.tables.boards import notes
 from eitbench.scenarios.errors import DataCorruptError, InputError

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.io
 from tests.security import mutations
 from tests.security.mutations import Mutation
+from tests.support.reports import report_data
 
 from eitbench.benchmark.analysis import comparison
 from eitbench.benchmark.analysis.rescore import rescored
@@ -34,7 +35,6 @@ from eitbench.hardware.recording.importing.arrays import Choice, find_frames
 from eitbench.hardware.recording.importing.labels import parsed
 from eitbench.hardware.recording.importing.sources import arrays_of
 from eitbench.hardware.recording.recorder import Recorder
-from eitbench.reports.page.report_data import report_data
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows, write_leaderboard
 from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.recordings.files.csv_mat import (

@@ -223,6 +223,7 @@ def study(
 @app.command("readings", epilog="Example: eitbench readings --jobs 2 --out runs/readings")
 def readings_command(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the figures go.")],
+    # TV takes seconds for some frames that are read wrongly.
     samples: Annotated[int, typer.Option(min=2, help="How many test samples are used.")] = 120,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
 ) -> None:

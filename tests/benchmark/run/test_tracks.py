@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from tests.support.reports import report_data
 
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.standings import track_gaps
@@ -15,7 +16,6 @@ from eitbench.benchmark.run.progress import RunProgress
 from eitbench.benchmark.run.runner import start_run
 from eitbench.benchmark.rundir.plan import make_plan, read_parameters
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget, record
-from eitbench.reports.page.report_data import report_data
 from eitbench.reports.tables.boards import tracks_table
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.data.datasets import load

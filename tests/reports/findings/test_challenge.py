@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from tests.support.reports import report_data
 
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.reports.figures import image_grid
@@ -14,7 +15,6 @@ from eitbench.reports.figures.challenge import draw_challenge
 from eitbench.reports.figures.image_grid import comparison, write_figures
 from eitbench.reports.findings.collect import findings
 from eitbench.reports.page.report import to_page
-from eitbench.reports.page.report_data import report_data
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.arrays import nearest_pixels
 

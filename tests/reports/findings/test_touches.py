@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest
+from tests.support.reports import report_data
 
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.reports.findings.collect import findings, write_findings
 from eitbench.reports.findings.touches import alarm_grid
 from eitbench.reports.page.report import to_page
-from eitbench.reports.page.report_data import report_data
 
 N = 60
 

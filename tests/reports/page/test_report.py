@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest
+from tests.support.reports import report_data
 from typer.testing import CliRunner
 
 from eitbench.benchmark.analysis.results import read_run
@@ -35,7 +36,6 @@ from eitbench.reports.page.report_data import (
     counted_data,
     name_kinds,
     overall_views,
-    report_data,
     report_of,
 )
 from eitbench.reports.site.site import write_site

@@ -12,11 +12,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest
+from tests.support.reports import report_data
 
 from eitbench.benchmark.metrics.metric_spec import SMALL, TIME
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.reports.page.paper import write_paper
-from eitbench.reports.page.report_data import report_data
 from eitbench.reports.tables.boards import note, notes, printed_boards
 from eitbench.reports.tables.columns import METHOD_LAYOUT as LAYOUT
 from eitbench.reports.tables.columns import Column
