@@ -225,6 +225,18 @@ def _size() -> str:
     return printed(["PSNR [dB]", *(f"{samples:,} samples" for samples in psnr)], rows)
 
 
+def _wide() -> str:
+    """Return what networks of two sizes reach with the published samples and epochs, by seed."""
+    rows = [
+        [
+            f"`{row['backbone']}`", f"{row['seed']}", *_clean_figures(row)[:3],
+            f"{row['psnr']:.2f} ({row['low']:.2f} to {row['high']:.2f})",
+        ]
+        for row in pd.read_csv(STUDIES / "wide" / "wide.csv").to_dict("records")
+    ]  # fmt: skip
+    return printed(["network", "seed", "SSIM", "CC", "RIE", "PSNR [dB] (95 %)"], rows)
+
+
 def _supervision() -> str:
     stored = json.loads((STUDIES / "supervision" / "summary.json").read_text())
     psnr = pd.DataFrame(stored["rows"]).pivot_table(index="alpha", columns="seed", values="psnr")
@@ -245,5 +257,6 @@ TABLES = {
     "physical loss by seeds": _physical_loss_by_seeds,
     "training data": _training_data,
     "data and channels": _size,
+    "published samples and epochs": _wide,
     "supervision": _supervision,
 }
