@@ -158,19 +158,19 @@ class RunStore:
 
     def assemble(self, cells: Sequence[Cell], truths: Mapping[str, Truth]) -> None:
         """Write the result files from the parts of all `cells` that have scored rows."""
-        scored = [cell for cell in cells if self.scored(cell)]
-        self.write_table(SAMPLES, _concatenate([self.rows(cell) for cell in scored]))
-        rows = _concatenate([self._row(cell) for cell in scored])
-        self.write_table(self.kind.table, rows.drop(columns="complete", errors="ignore"))
+        scored = {cell: self.rows(cell) for cell in cells if self.scored(cell)}
+        self.write_table(SAMPLES, _concatenate([*scored.values()]))
+        ends = _concatenate([self._row(cell) for cell in scored])
+        self.write_table(self.kind.table, ends.drop(columns="complete", errors="ignore"))
         known = {cell.scenario: truths[cell.scenario] for cell in scored}
         answers = (
             (
                 cell,
-                self.rows(cell)["sample"].to_numpy(np.int64),
+                rows["sample"].to_numpy(np.int64),
                 self.batches(cell, "test"),
                 [*self.batches(cell, "validation")],
             )
-            for cell in scored
+            for cell, rows in scored.items()
         )
         self._write(
             self.path / self.kind.arrays,

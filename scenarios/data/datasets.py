@@ -2,7 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Literal, NamedTuple, cast, get_args
 
@@ -16,7 +16,6 @@ from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.simulation import (
     CleanFrames,
     clean_frames,
-    nominal_frames,
     phantom,
     with_bar,
 )
@@ -219,9 +218,9 @@ def _simulated(
     if size == 0:
         raise InputError(f"Scenario {scenario.name!r} declares no {split} samples.")
     count = size if limit is None else min(limit, size)
-    seen = _measured(
-        scenario, split, clean_frames(scenario, split, count, jobs=jobs, progress=progress)
-    )
+    simulated = partial(clean_frames, split=split, count=count, jobs=jobs, progress=progress)
+    modelled = simulated(scenario.without_imperfections) if split == "test" else None
+    seen = _measured(scenario, split, simulated(scenario), modelled)
     phantoms = tuple(phantom(scenario, split, sample) for sample in range(count))
     names = [f"{scenario.phantom_stream} {split} {sample}" for sample in range(count)]
     session = np.arange(count) // TOUCHES
@@ -263,12 +262,14 @@ class _Measured(NamedTuple):
     model_distance_db: Array
 
 
-def _measured(scenario: SimulatedScenario, split: Split, clean: CleanFrames) -> _Measured:
+def _measured(
+    scenario: SimulatedScenario, split: Split, clean: CleanFrames, modelled: CleanFrames | None
+) -> _Measured:
+    """What boards send of the frames `clean`; `modelled` are those of the model of methods."""
     pattern = scenario.nominal_sensor.pattern
     frames, references = np.empty_like(clean.voltages), np.empty_like(clean.voltages)
     snr_db, touch_snr_db, distance_db = (np.full(len(frames), np.nan) for _ in range(3))
     key = scenario.key(split)
-    modelled = nominal_frames(scenario, split, len(frames)) if split == "test" else None
     for first in range(0, len(frames), TOUCHES):
         session = first // TOUCHES
         board = scenario.split_imperfections(split, session)
@@ -290,9 +291,9 @@ def _measured(scenario: SimulatedScenario, split: Split, clean: CleanFrames) -> 
         if modelled is not None:
             (still,) = board.digital(at_rest[None], untouched, pattern)
             seen = board.digital(analogue, untouched, pattern) - still
-            touches, expected = modelled
+            touches, expected = modelled.voltages[rows], modelled.untouched[first]
             gain = expected @ still / (expected @ expected)  # which every method fits
-            distance_db[rows] = distance_of_touch(gain * touches[rows], seen)
+            distance_db[rows] = distance_of_touch(gain * (touches - expected), seen)
         axes = (scenario.name, split, noise, "reference", session)
         at_rest = measured(at_rest, level, *axes, key=key)
         references[rows] = board.digital(at_rest[None], untouched, pattern)

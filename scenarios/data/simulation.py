@@ -136,20 +136,6 @@ def with_bar(steps: Iterable[_Step], title: str, total: int, *, show: bool) -> I
     return steps
 
 
-def nominal_frames(scenario: SimulatedScenario, split: Split, count: int) -> tuple[Array, Array]:
-    """The first `count` touches by the model that methods are given.
-
-    Returns:
-        What they change (n, M), and the untouched frame (M,) [V/A].
-    """
-    sensor = scenario.nominal_sensor
-    model = forward_model(sensor)
-    images = (rasterise(phantom(scenario, split, sample), sensor) for sample in range(count))
-    with threadpool_limits(1):
-        untouched = model.voltages(model.background)
-        return np.array([model.voltages(image) - untouched for image in images]), untouched
-
-
 def conductivity(scenario: SimulatedScenario, split: Split, sample: int) -> Array:
     """Conductivity [S/m] of one sample on the grid of the data, with drift and relaxation."""
     session = sample // TOUCHES

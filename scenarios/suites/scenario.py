@@ -227,6 +227,11 @@ class SimulatedScenario(Declaration):
         return self.phantoms or self.name
 
     @property
+    def without_imperfections(self) -> Self:
+        """The same touches on the nominal sensor, by the model that methods are given."""
+        return self.model_copy(update={"imperfections": Imperfections()})
+
+    @property
     def inverse_crime(self) -> bool:
         """True if the data come from the mesh that methods invert with."""
         return self.imperfections.mesh == "image"

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import joblib
 import numpy as np
+import pandas as pd
 import pytest
 from safetensors.numpy import load as load_bytes
 from safetensors.numpy import save
@@ -95,6 +96,21 @@ def test_second_time_nothing_is_solved(cache: Path, solves: list[int]) -> None:
     assert len(solves) == 42
     assert np.array_equal(first, again)
     assert {path: path.stat().st_mtime_ns for path in files(cache)} == before
+
+
+def test_a_test_split_that_is_loaded_again_solves_nothing(solves: list[int]) -> None:
+    first = load(SCENARIO, "test", 6)
+    # By the model of the data and by that of methods, each with the untouched sensor.
+    assert len(solves) == 2 * (6 + 1)
+    again = load(SCENARIO, "test", 6)
+    assert len(solves) == 14
+    pd.testing.assert_frame_equal(first.samples, again.samples)
+
+
+def test_data_of_the_model_of_methods_are_solved_once(solves: list[int]) -> None:
+    same = SCENARIO.without_imperfections
+    assert (load(same, "test", 6).samples["model_distance_db"] == np.inf).all()
+    assert len(solves) == 6 + 1
 
 
 def test_a_file_with_fewer_samples_is_completed_and_one_with_more_is_kept(
