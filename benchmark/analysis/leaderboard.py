@@ -120,7 +120,7 @@ def _filled(run: Run) -> pd.DataFrame:
 def _without_repeats(entries: Sequence[Entry]) -> list[Entry]:
     """The entries, those that repeat one another together."""
     found: list[Entry] = []
-    for entry in sorted(entries, key=lambda e: (e.run.manifest.get("started") or "", e.runs)):
+    for entry in sorted(entries, key=lambda e: (e.run.manifest["started"], e.runs)):
         k = next((k for k, other in enumerate(found) if _repeats(entry, other)), None)
         if k is None:
             found.append(entry)
@@ -136,8 +136,7 @@ def _rivals(run: Run) -> dict[str, int]:
     """Number of methods among which those of each scenario are compared, see `Entry`."""
     if run.samples.empty:
         return {}
-    suite = (run.manifest.get("plan") or {}).get("suite") or {}
-    listed = len(suite.get(f"{run.kind.name}s") or ())
+    listed = len(run.manifest["plan"]["suite"].get(f"{run.kind.name}s") or ())
     held = run.samples.groupby("scenario")[run.kind.name].nunique()
     return {str(name): max(int(count), listed) for name, count in held.items()}
 
@@ -166,10 +165,10 @@ def made_with(entry: Entry) -> tuple[Any, ...]:
     settings = ("variant", "track", "parameters", "weights")
     cells = [
         [cell.get(setting) for setting in settings]
-        for cell in about.get("cells", [])
+        for cell in about["cells"]
         if (cell.get("scenario"), cell.get("name")) == (scenario, name)
     ]
-    plugins = about.get("plan", {}).get("plugins", [])
+    plugins = about["plan"]["plugins"]
     code = [plugin["sha256"] for plugin in plugins if name in plugin["names"]]
     return name, [entry.row[label] for label in kind.labels], cells, code
 
@@ -198,7 +197,7 @@ def _known(run: Run) -> dict[tuple[str, ...], Row]:
 def _row(run: Run, keys: Row, cell: pd.DataFrame, known: Row) -> Row:
     kind = run.kind
     valid = cell if (ok := cell["status"] == "ok").all() else cell[ok]
-    data = run.manifest.get("data", {}).get(keys["scenario"], {})
+    data = run.manifest["data"][keys["scenario"]]
     row: Row = {
         **keys,
         "run": run.path.name,
@@ -220,8 +219,8 @@ def _row(run: Run, keys: Row, cell: pd.DataFrame, known: Row) -> Row:
         row[name] = _plain(known.get(name))
     for name in kind.facts:
         row[name] = str(known.get(name, ""))
-    row |= {"data_hash": data.get("hash"), "data_n": data.get("n")}
-    row |= {"inverse_crime": data.get("inverse_crime"), "sensor": data.get("sensor")}
+    row |= {"data_hash": data["hash"], "data_n": data["n"]}
+    row |= {name: data[name] for name in ("inverse_crime", "sensor")}
     machine = known.get("machine")
     row["machine"] = machine if isinstance(machine, str) and machine else None
     row["busy"] = known.get("busy") is True

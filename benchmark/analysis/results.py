@@ -135,7 +135,7 @@ class Run:
         """Parameters that were not the defaults, by scenario and method (or operator)."""
         return {
             (str(cell.get("scenario")), str(cell.get("name"))): cell["parameters"]
-            for cell in self.manifest.get("cells", ())
+            for cell in self.manifest["cells"]
             if cell.get("variant") == "" and cell.get("parameters")
         }
 
@@ -201,13 +201,18 @@ def _read_run(path: Path) -> Run:
     except ValueError as error:
         raise DataCorruptError(f"{notes} is damaged: delete it and run the suite again.") from error
     # Tracks have rows of the same samples, once each.
-    most = sum(manifest.samples_of(content).values()) * max(1, len(content.get("cells", [])))
+    most = sum(manifest.samples_of(content).values()) * max(1, len(content["cells"]))
     needed = ("suite", *labels, "sample", "status", "cluster")
     needed += METRIC_COLUMNS if kind == METHOD_RUNS else ()
     samples = checked_table(path / SAMPLES, kind, needed, most)
-    cells = checked_table(path / kind.table, kind, labels, most)
+    cells = checked_table(path / kind.table, kind, (*labels, "source"), most)
     if len(samples) and cells.empty:
         raise DataCorruptError(f"{path / kind.table} is empty: run the suite again.")
+    if unknown := sorted({*samples.get("scenario", ())} - content["data"].keys()):
+        raise DataCorruptError(
+            f"The manifest of {path} says nothing of the data of {unknown[0]!r}: run the suite "
+            "again."
+        )
     return Run(
         path,
         kind,
@@ -226,7 +231,7 @@ def fastest_solves(cells: pd.DataFrame, about: Mapping[str, Any]) -> dict[str, f
 
     Args:
         cells: of the run; those that have no `calibration_ms` do not count.
-        about: its manifest.
+        about: its manifest; empty of tables that came without one.
     """
     fastest: dict[str, float] = {}
     if {"machine", "calibration_ms"} <= set(cells):
@@ -399,7 +404,7 @@ def plugin_file(plugin: Mapping[str, Any]) -> str:
 
 def code_of(run: Run, name: str) -> str:
     """Return where the code of a method or operator is: in the run directory, or in eitbench."""
-    for plugin in run.manifest.get("plan", {}).get("plugins", ()):
+    for plugin in run.manifest["plan"]["plugins"]:
         if name in plugin["names"]:
             return f"{plugin_file(plugin)} in the run {run.path.name}"
     module: str | None = None
@@ -413,8 +418,8 @@ def code_of(run: Run, name: str) -> str:
     if module is None:
         return "an installed package"
     about = manifest.origin(run.manifest, name)
-    version = about.get("versions", {}).get("eitbench") or ""
-    commit = about.get("git_commit") or ""
+    version = about["versions"].get("eitbench") or ""
+    commit = about["git_commit"] or ""
     at = ", ".join(part for part in (version, commit[:10] and f"commit {commit[:10]}") if part)
     return f"methods/{module.replace('.', '/')}.py of eitbench {at}".strip()
 

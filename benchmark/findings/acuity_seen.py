@@ -51,7 +51,7 @@ def seen_table(run: Run) -> pd.DataFrame:
 
 def has_acuity(run: Run) -> bool:
     """True for runs of a suite with the design of acuity."""
-    scenarios = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", [])
+    scenarios = run.manifest["plan"]["suite"]["scenarios"]
     return any(one.get("acuity") is not None for one in scenarios)
 
 

@@ -125,8 +125,7 @@ def _kept(path: Path) -> pd.DataFrame:
 
 def _declared(run: Run) -> list[dict[str, Any]]:
     """The scenarios of a run of methods, as declared."""
-    suite = run.manifest.get("plan", {}).get("suite", {})
-    return list(suite.get("scenarios", ())) if run.kind == METHOD_RUNS else []
+    return run.manifest["plan"]["suite"]["scenarios"] if run.kind == METHOD_RUNS else []
 
 
 def _alarms_of(

@@ -88,7 +88,7 @@ class Ladder:
 
 def read_ladder(run: Run) -> Ladder | None:
     """Compute the ladder of a run of methods; None if it has fewer than two rungs."""
-    declared = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", ())
+    declared = run.manifest["plan"]["suite"]["scenarios"]
     if run.kind.name != "method" or not any(s.get("ladder") for s in declared):
         return None
     suite = suite_of(run.manifest)

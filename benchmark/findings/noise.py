@@ -45,7 +45,7 @@ def noise_curves(run: Run) -> NoiseCurves | None:
     ran = run.scenarios()
     if run.kind is not METHOD_RUNS or len(ran) < LEVELS:
         return None
-    declared = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", ())
+    declared = run.manifest["plan"]["suite"]["scenarios"]
     levels_of = {str(of.get("noise", {}).get("test")) for of in declared if of["name"] in ran}
     if len(levels_of) < LEVELS:
         return None

@@ -100,8 +100,7 @@ def read_uncertainty(run: Run) -> list[Stated]:
                 curves = _curves(run, texts.get((scenario, method)))
                 track.append(Stated(scenario, str(method), _figures(of, names), len(of), curves))
                 tables[str(method)] = in_order(of)
-        data = run.manifest.get("data", {}).get(scenario, {})
-        known = recorded_frames(scenario, data.get("hash"))
+        known = recorded_frames(scenario, run.manifest["data"][scenario]["hash"])
         known = known[known["sample"].isin(rows["sample"])]
         stated = [name for name in names if name in known]
         if track and len(known) and stated:

@@ -137,10 +137,10 @@ class _Part(BaseModel):
 
 
 class _Data(_Part):
-    hash: str | None = None
-    n: Annotated[int, Field(ge=0, le=MOST_SAMPLES)] | None = None
-    inverse_crime: bool | None = None
-    sensor: _Line | None = None
+    hash: str
+    n: Annotated[int, Field(ge=0, le=MOST_SAMPLES)]
+    inverse_crime: bool | None
+    sensor: _Line
 
 
 class _Plugin(_Part):
@@ -150,16 +150,16 @@ class _Plugin(_Part):
 
 
 class _Suite(_Part):
-    name: _Line = ""
-    scenarios: list[dict[str, Any]] = []
+    name: _Line
+    scenarios: list[dict[str, Any]]
 
 
 class _Plan(_Part):
-    suite: _Suite = _Suite()
-    names: list[str] = []
-    scenarios: list[str] = []
-    limit: int | None = None
-    plugins: list[_Plugin] = []
+    suite: _Suite
+    names: list[str]
+    scenarios: list[str]
+    limit: int | None
+    plugins: list[_Plugin]
 
 
 class _Added(_Part):
@@ -167,24 +167,24 @@ class _Added(_Part):
 
     cells: list[_Line]
     same_bits: bool = True
-    machine: dict[str, _Line | int | float | None] = {}
-    versions: dict[str, _Line | None] = {}
-    git_commit: _Line | None = None
+    machine: dict[str, _Line | int | float | None]
+    versions: dict[str, _Line | None]
+    git_commit: _Line | None
 
 
 class _Manifest(_Part):
     """Values that results are shown from."""
 
-    status: str = "finished"
-    plan: _Plan = _Plan()
-    data: dict[_Line, _Data] = {}
-    cells: list[dict[str, Any]] = []
-    machine: dict[str, _Line | int | float | None] = {}
-    versions: dict[str, _Line | None] = {}
-    skipped: dict[str, str] = {}
-    calibration_ms: _Positive | None = None
-    started: _Line | None = None
-    git_commit: _Line | None = None
+    status: str
+    plan: _Plan
+    data: dict[_Line, _Data]
+    cells: list[dict[str, Any]]
+    machine: dict[str, _Line | int | float | None]
+    versions: dict[str, _Line | None]
+    skipped: dict[str, str]
+    calibration_ms: _Positive
+    started: _Line
+    git_commit: _Line | None
     hidden: _Line | None = None
     added: list[_Added] = []
 
@@ -237,7 +237,7 @@ def origin(manifest: Manifest, name: str, scenario: str = "") -> Manifest:
 
 def samples_of(manifest: Manifest) -> dict[str, int]:
     """Return the number of test samples of each scenario of a run."""
-    return {name: data.get("n") or 0 for name, data in manifest.get("data", {}).items()}
+    return {name: data["n"] for name, data in manifest["data"].items()}
 
 
 def suite_of(manifest: Manifest) -> Suite:

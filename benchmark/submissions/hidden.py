@@ -247,7 +247,7 @@ def _check_pair(open_run: Run, hidden_run: Run) -> None:
                 f"{run.path} is a run {what}: name the open run first, and that of the hidden set "
                 "(eitbench hidden run) second."
             )
-        if run.manifest.get("status") != "finished":
+        if run.manifest["status"] != "finished":
             raise InputError(f"The run in {run.path} is not finished.")
     names = [run.manifest["plan"]["suite"]["name"] for run in (open_run, hidden_run)]
     if names[0] != names[1]:
@@ -393,11 +393,9 @@ def read_hidden(version: Path) -> list[HiddenRecord]:
 
 def gap_of(records: Iterable[HiddenRecord], run: Run, scenario: str, method: str) -> Gap | None:
     """Return the gap of a method of `run`, if its code was run on the hidden set of its data."""
-    plan = run.manifest.get("plan", {})
-    plugins = plan.get("plugins", [])
-    code = next((file["sha256"] for file in plugins if method in file["names"]), None)
-    suite = plan.get("suite", {}).get("name")
-    data = run.manifest.get("data", {}).get(scenario, {}).get("hash")
+    plan, data = run.manifest["plan"], run.manifest["data"][scenario]["hash"]
+    code = next((file["sha256"] for file in plan["plugins"] if method in file["names"]), None)
+    suite = plan["suite"]["name"]
     for record in records:
         if record.suite != suite or record.data.get(scenario, ("", ""))[0] != data:
             continue

@@ -71,14 +71,14 @@ class TrialService(MethodService):
 
 
 @dataclass(frozen=True)
-class SearchSpace:
-    """The values of each parameter that may be chosen, and its default."""
+class _DeclaredSearch:
+    """What a worker says of a method: values of each parameter to choose from, and its default."""
 
     values: dict[str, tuple[Any, ...]]
     defaults: dict[str, Any]
 
 
-_SEARCH_SPACE = TypeAdapter(SearchSpace | None)
+_SEARCH = TypeAdapter(_DeclaredSearch | None)
 
 
 class TrialFailedError(Exception):
@@ -172,14 +172,15 @@ class Validation:
             InputError: the method cannot be tuned.
         """
         try:
-            found: SearchSpace | None = parsed(_SEARCH_SPACE, self._worker.start().value, "set-up")
+            said = self._worker.start().value
+            found: _DeclaredSearch | None = parsed(_SEARCH, said, "set-up")
         except SetUpFailedError as failed:
             refused = InputError(failed.failure.message.removeprefix("InputError: "))
             refused.add_note(failed.failure.trace)
             raise refused from failed
         except WorkerLostError as lost:
-            said = lost.failure.message
-            raise InputError(f"Method {self._method!r} cannot be tuned: {said}.") from lost
+            why = lost.failure.message
+            raise InputError(f"Method {self._method!r} cannot be tuned: {why}.") from lost
         return None if found is None else (found.values, found.defaults)
 
     def fit(self, parameters: dict[str, Any], clock: Clock) -> None:

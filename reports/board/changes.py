@@ -64,7 +64,7 @@ def changes(older: Path, newer: Path) -> Changes:
         InputError, DataCorruptError: one of them is no run, or damaged.
     """
     before, after = read_run(older), read_run(newer)
-    data = [run.manifest.get("data") or {} for run in (before, after)]
+    data = [run.manifest["data"] for run in (before, after)]
     both = [name for name in after.scenarios() if name in data[0] and name in data[1]]
     same = [name for name in both if data[0][name]["hash"] == data[1][name]["hash"]]
     figures = [name for name in _figures(after) if name in before.samples]
@@ -178,8 +178,8 @@ def in_words(found: Changes, why: Mapping[str, str]) -> list[str]:
 def _machine(run: Run, scenario: str, name: str) -> Any:
     """What decides the last bits of a cell's figures: the processor and the libraries."""
     told = manifest.origin(run.manifest, name, scenario)
-    versions = {k: v for k, v in (told.get("versions") or {}).items() if k != "eitbench"}
-    return (told.get("machine") or {}).get("cpu"), versions
+    versions = {k: v for k, v in told["versions"].items() if k != "eitbench"}
+    return told["machine"].get("cpu"), versions
 
 
 def _by_method(run: Run, scenario: str) -> dict[str, pd.DataFrame]:

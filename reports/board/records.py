@@ -208,7 +208,7 @@ def _never(run: Run) -> str:
         return "it holds frames of a hidden set, of which only figures are published"
     if not run.whole:
         return "it is a record itself, with images of few samples"
-    if run.manifest.get("plan", {}).get("limit") != manifest.suite_of(run.manifest).limit:
+    if run.manifest["plan"]["limit"] != manifest.suite_of(run.manifest).limit:
         return "it was limited to some test samples"
     return ""
 

@@ -126,7 +126,7 @@ class Evidence:
 
     def _why_missing(self, kind: RunKind, name: str, scenario: str) -> str:
         for run in self._runs:
-            if reason := run.manifest.get("skipped", {}).get(f"{scenario}/{name}"):
+            if reason := run.manifest["skipped"].get(f"{scenario}/{name}"):
                 return str(reason)
         return f"No run holds the {kind.name} {name!r} on {scenario!r}."
 

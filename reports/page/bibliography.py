@@ -42,7 +42,7 @@ def bibliography(report: ReportData) -> str:
         else:
             unknown.append(name)
     for run in report["runs"]:
-        for scenario in _suite(run).get("scenarios", []):
+        for scenario in run["plan"]["suite"]["scenarios"]:
             if recording := recording_key(run, scenario):
                 found[recording] = known[recording]
         found |= _suite_entry(run)
@@ -99,29 +99,17 @@ def _text(text: str) -> str:
     return escape_latex("".join(c for c in plain if c.isprintable()))
 
 
-def _suite(run: dict[str, Any]) -> dict[str, Any]:
-    """What the manifest of a run tells of its suite."""
-    suite: dict[str, Any] = (run["plan"] or {}).get("suite") or {}
-    return suite
-
-
 def _suite_entry(run: dict[str, Any]) -> dict[str, str]:
     """The entry of the suite of a run by key: version and data say which one exactly."""
-    suite = _suite(run)
-    if not suite.get("name"):
-        return {}
+    suite = run["plan"]["suite"]
     key = entry_key("suite", suite["name"])
-    version = (run["versions"] or {}).get("eitbench") or "unknown"
-    data = ", ".join(
-        f"{name} {str(of['hash'])[:12]}"
-        for name, of in (run["data"] or {}).items()
-        if of.get("hash")
-    )
+    version = run["versions"].get("eitbench") or "unknown"
+    data = ", ".join(f"{name} {of['hash'][:12]}" for name, of in run["data"].items())
     title = _text(f"Suite {suite['name']} of eitbench: {suite.get('title', '')}")
     fields = {
         "author": "{The eitbench developers}",
         "title": f"{{{title}}}",
-        "year": str(run["started"] or "")[:4],
-        "note": _text(f"Version {version}; SHA-256 of the data begins with: {data or 'unknown'}"),
+        "year": run["started"][:4],
+        "note": _text(f"Version {version}; SHA-256 of the data begins with: {data}"),
     }
     return {key: _misc_entry(key, {name: value for name, value in fields.items() if value})}

@@ -105,7 +105,7 @@ def _code_links(report: ReportData, runs: Sequence[Path], out: Path) -> dict[str
     """Return addresses of the plugins' copies in run directories, seen from `out`, by `code`."""
     links = {}
     for path, run in zip(runs, report["runs"], strict=True):
-        for plugin in (run["plan"] or {}).get("plugins", ()):
+        for plugin in run["plan"]["plugins"]:
             copy = path / plugin_file(plugin)
             if _DIGEST.fullmatch(plugin["sha256"]) and copy.is_file() and not copy.is_symlink():
                 address = Path(os.path.relpath(copy, out)).as_posix()

@@ -271,9 +271,9 @@ def counted_data(boards: Sequence[BoardData]) -> str:
 
 def _sensor(run: Run, scenario: str) -> tuple[str, bool]:
     """Return the sensor of a scenario, "" where it is not known, and if the data are recorded."""
-    declared = run.manifest.get("plan", {}).get("suite", {}).get("scenarios", ())
+    declared = run.manifest["plan"]["suite"]["scenarios"]
     recorded = any((s.get("name"), s.get("kind")) == (scenario, "recorded") for s in declared)
-    return run.manifest.get("data", {}).get(scenario, {}).get("sensor") or "", recorded
+    return run.manifest["data"][scenario]["sensor"], recorded
 
 
 def name_kinds(boards: Sequence[BoardData]) -> None:
@@ -322,8 +322,8 @@ def rows_of(boards: Sequence[BoardData]) -> list[Row]:
 
 def _incomplete(run: Run) -> list[str]:
     """Return sentences on the cells, samples and rest of a run that are missing."""
-    sentences = list(run.manifest.get("skipped", {}).values()) + failures(run)
-    status = run.manifest.get("status", "finished")
+    sentences = [*run.manifest["skipped"].values(), *failures(run)]
+    status = run.manifest["status"]
     if status != "finished":
         sentences.append(f"The run {run.path.name} is {status}: it has some of its samples only.")
     return sentences
@@ -472,14 +472,14 @@ def _part(run: Run, scenario: str, column: str, value: Any, n: int) -> Run:
 
 def _command(run: Run, row: Row) -> str:
     """Return the command that makes the cell of a row again."""
-    plan = run.manifest.get("plan", {})
+    plan = run.manifest["plan"]
     kind = "operators" if "operator" in row else "methods"
     name = str(row.get("operator") or row["method"])
     words = ["eitbench", "run", str(row["suite"]), "--scenarios", str(row["scenario"])]
     words += [f"--{kind}", name]
-    if plan.get("limit") is not None:
+    if plan["limit"] is not None:
         words += ["--limit", str(plan["limit"])]
-    for plugin in plan.get("plugins", ()):
+    for plugin in plan["plugins"]:
         if name in plugin["names"]:
             words += ["--plugin", Path(plugin["path"]).name]
     if (given := run.parameters.get((row["scenario"], name))) is not None:
@@ -507,8 +507,7 @@ def _presses(label: str, cell: pd.DataFrame) -> dict[str, Any]:
 
 def _provenance(run: Run) -> dict[str, Any]:
     content = {name: run.manifest.get(name) for name in _PROVENANCE}
-    # Runs of before know none.
-    sources = run.cells.get("source", pd.Series(index=run.cells.index, dtype=object)).fillna("")
+    sources = run.cells["source"].fillna("")
     content["sources"] = dict(zip(run.cells[run.kind.name], sources, strict=True))
     # Whether its methods were run again is known where runs are collected, see `site`.
     return {"run": printable(run.path.name), "kind": run.kind.name, "checked": "", **content}

@@ -84,7 +84,7 @@ class SuitePart:
     def recordings(self) -> set[str]:
         """Names of the recorded sets that its scenarios use."""
         used: set[str] = set()
-        for scenario in self._declared.get("scenarios", ()):
+        for scenario in self._declared["scenarios"]:
             used |= {scenario.get("recording"), *(scenario.get("others") or ())} - {None}
         return used
 

@@ -374,7 +374,7 @@ def chosen_parameters(name: str, edition: Edition) -> list[tuple[str, str]]:
     found: dict[str, list[str]] = {}
     for suite in edition.suites:
         for run in suite.report["runs"]:
-            for cell in run["cells"] or ():
+            for cell in run["cells"]:
                 chosen = cell.get("parameters")
                 if cell.get("name") == name and not cell.get("variant") and chosen:
                     pairs = ", ".join(f"{k} = {_short(v)}" for k, v in chosen.items())

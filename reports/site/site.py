@@ -213,10 +213,10 @@ class _Site:
             of for part in suite.parts for of in zip(part.runs, part.report["runs"], strict=True)
         ):
             about = [
-                str(origin["started"] or "")[:10],
-                f"eitbench {(origin['versions'] or {}).get('eitbench', '')}".strip(),
+                origin["started"][:10],
+                f"eitbench {origin['versions'].get('eitbench', '')}".strip(),
                 f"commit {origin['git_commit']}"[:17] if origin["git_commit"] else "",
-                str((origin["machine"] or {}).get("cpu") or ""),
+                str(origin["machine"].get("cpu") or ""),
                 run_tier(run),
             ]
             runs.append(
@@ -412,7 +412,7 @@ def _kept(run: Run) -> dict[str, str]:
     """The files of a run that the site holds, with their names there."""
     names = (manifest.FILE_NAME, SAMPLES, *(kind.table for kind in RUN_KINDS.values()), NOTES_FILE)
     kept = {name: name for name in names if (run.path / name).is_file()}
-    for plugin in run.manifest["plan"].get("plugins", ()):
+    for plugin in run.manifest["plan"]["plugins"]:
         code = plugin_file(plugin)
         # What a manifest names may lie elsewhere.
         if (run.path / code).is_file() and re.fullmatch("[0-9a-f]{64}", plugin["sha256"]):

@@ -101,7 +101,7 @@ def recording_key(about: Mapping[str, Any], scenario: Mapping[str, Any]) -> str 
     Args:
         about: the `plan` and `data` of its manifest.
     """
-    found = scenario.get("name") in (about.get("data") or {})
+    found = scenario.get("name") in about["data"]
     return RECORDINGS.get(str(scenario.get("recording", ""))) if found else None
 
 
@@ -111,10 +111,9 @@ def data_keys(about: Mapping[str, Any], name: str) -> str:
     Args:
         about: the `plan` and `data` of its manifest.
     """
-    suite = (about.get("plan") or {}).get("suite") or {}
-    keys = [entry_key("suite", suite["name"])] if suite.get("name") else []
-    of = [s for s in suite.get("scenarios", ()) if s.get("name") == name]
-    return ",".join([*keys, *filter(None, (recording_key(about, s) for s in of))])
+    suite = about["plan"]["suite"]
+    recordings = (recording_key(about, s) for s in suite["scenarios"] if s.get("name") == name)
+    return ",".join([entry_key("suite", suite["name"]), *filter(None, recordings)])
 
 
 def entries() -> dict[str, str]:

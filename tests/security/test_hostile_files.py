@@ -1,7 +1,6 @@
 """Files made to harm: bombs, ways into other files, nesting without end. Each costs a sentence."""
 
 import io
-import json
 import os
 import zipfile
 from collections.abc import Callable
@@ -12,6 +11,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from tests.support.made_runs import edited_manifest, write_manifest
 
 from eitbench.benchmark.analysis.results import Run, read_table
 from eitbench.benchmark.rundir.cells import Batch, Cell
@@ -242,13 +242,25 @@ def test_nesting_without_end_is_refused(tmp_path: Path) -> None:
         ({"data": {"s": 3}}, "data.s"),
         ({"calibration_ms": "fast"}, "calibration_ms"),
         ({"calibration_ms": 0}, "calibration_ms"),
-        ({"plan": {"plugins": [{"path": 3}]}}, "plan.plugins.0.path"),
+        ({"plan": 3}, "plan"),
         ({"skipped": ["a"]}, "skipped"),
     ],
 )
 def test_a_manifest_of_other_kinds_is_refused(
     tmp_path: Path, content: dict[str, Any], field: str
 ) -> None:
-    (tmp_path / "manifest.json").write_text(json.dumps(content))
+    write_manifest(tmp_path, "mine", {}, [])
+    with edited_manifest(tmp_path) as manifest:
+        manifest |= content
     with pytest.raises(DataCorruptError, match=field):
+        read_manifest(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["status", "plan", "data", "machine", "started"])
+def test_a_manifest_that_lacks_something_is_refused(tmp_path: Path, name: str) -> None:
+    write_manifest(tmp_path, "mine", {}, [])
+    read_manifest(tmp_path)
+    with edited_manifest(tmp_path) as manifest:
+        del manifest[name]
+    with pytest.raises(DataCorruptError, match=f"{name}: Field required"):
         read_manifest(tmp_path)

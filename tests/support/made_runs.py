@@ -104,7 +104,16 @@ def write_manifest(
             for scenario in data
             for name in names
         ],
-        "plan": {"suite": {"name": suite}, "limit": limit},
+        "status": "finished",
+        "plan": {
+            "suite": {"name": suite, "scenarios": []},
+            "names": [*names],
+            "scenarios": [*data],
+            "limit": limit,
+            "plugins": [],
+        },
+        "calibration_ms": 30.0,
+        "versions": {"eitbench": None},
         "started": "2026-01-01T00:00:00+00:00",
         "command_line": f"eitbench run {suite}",
         "git_commit": None,
@@ -141,6 +150,7 @@ def write_operators(run: Path, mse: dict[str, float], suite: str = "operators", 
         {
             "scenario": "paper",
             "operator": name,
+            "source": "",
             "grad_ms": 3.0,
             "r": 1 - value,
             "r_low": 1 - 1.01 * value,
@@ -148,7 +158,7 @@ def write_operators(run: Path, mse: dict[str, float], suite: str = "operators", 
         }
         for name, value in mse.items()
     ]
-    data = {"paper": {"hash": "c0ffee", "n": n, "inverse_crime": True}}
+    data = {"paper": {"hash": "c0ffee", "n": n, "inverse_crime": True, "sensor": "foam16"}}
     write_manifest(run, suite, data, mse)
     pd.concat(samples).to_parquet(run / "samples.parquet")
     pd.DataFrame(cells).to_parquet(run / "operators.parquet")
@@ -190,6 +200,7 @@ class RunBuilder:
             {
                 **keys,
                 "parameters": "{}",
+                "source": "",
                 "setup_s": 0.25,
                 "train_s": np.nan,
                 "frame_ms_p50": 0.5 + len(self.methods),
@@ -220,7 +231,12 @@ class RunBuilder:
         """Write the directory."""
         self.path.mkdir(parents=True, exist_ok=True)
         data = {
-            name: {"hash": self.hash, "n": len(d), "inverse_crime": d.inverse_crime}
+            name: {
+                "hash": self.hash,
+                "n": len(d),
+                "inverse_crime": d.inverse_crime,
+                "sensor": d.sensor.name,
+            }
             for name, d in self.datasets.items()
         }
         names = dict.fromkeys(row["method"] for row in self.methods)

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
+from tests.support.made_runs import edited_manifest, write_manifest
 
 from eitbench.benchmark.analysis.comparison import (
     Change,
@@ -221,9 +222,9 @@ def test_times_of_a_busy_machine_are_not_compared(tmp_path: Path) -> None:
     (sentence,) = compared.busy
     assert "1.30 times as long" in sentence
     assert str(tmp_path / "busy") in sentence
-    (tmp_path / "busy" / "manifest.json").write_text(
-        '{"machine": {"cpu": "this"}, "calibration_ms": 20.0}'
-    )
+    write_manifest(tmp_path / "busy", "bench", {}, [])
+    with edited_manifest(tmp_path / "busy") as manifest:
+        manifest |= {"machine": {"cpu": "this"}, "calibration_ms": 20.0}
     # The fastest solve that is known of the machine counts, whichever run tells it.
     assert compare(read_results(busy), read_results(busy)).busy == compared.busy
 

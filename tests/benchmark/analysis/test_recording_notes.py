@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.made_runs import edited_manifest, write_manifest
 from tests.support.pressed_skin import SKIN, pressed_skin
 
 from eitbench.benchmark.analysis.recording_notes import notes_of, write_notes
@@ -67,9 +68,10 @@ def test_guessing_the_mean_force_is_the_baseline_of_forces(tmp_path: Path) -> No
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     """A run directory of the recorded suite, of which one scenario was run."""
-    suite = load_suite("recorded").model_dump(mode="json")
-    manifest = {"plan": {"suite": suite}, "data": {"ohmc16": {"n": 36}}}
-    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+    ran = {"hash": "c0ffee", "n": 36, "inverse_crime": None, "sensor": "ohmc16"}
+    write_manifest(tmp_path, "recorded", {"ohmc16": ran}, [])
+    with edited_manifest(tmp_path) as manifest:
+        manifest["plan"]["suite"] = load_suite("recorded").model_dump(mode="json")
     return tmp_path
 
 

@@ -28,6 +28,11 @@ from eitbench.benchmark.rundir.kinds import METHOD_RUNS, OPERATOR_RUNS
 Array = NDArray[np.float64]
 
 
+DATA = {"hash": "c0ffee", "n": 80, "inverse_crime": False, "sensor": "foam16"}
+PLAN: dict[str, Any] = {"suite": {"name": "bench"}, "plugins": []}
+MANIFEST = {"plan": PLAN, "data": {"one": DATA}, "cells": [], "started": "2026-01-01"}
+
+
 def run_of(psnr: Mapping[str, Array], phantom: Array | None = None, **more: Any) -> Run:
     """A run on one scenario whose methods have these values; SSIM, CC and RIE are all alike."""
     cells = []
@@ -47,8 +52,8 @@ def run_of(psnr: Mapping[str, Array], phantom: Array | None = None, **more: Any)
         cells.append(cell.assign(score=score(**four), bounded=bounded_score(four)))
     table = pd.concat(cells, ignore_index=True)
     whole = pd.DataFrame({"scenario": "one", "method": list(psnr), "track": "tuned"})
-    data = {"one": {"hash": "c0ffee", "n": n, "inverse_crime": False}}
-    return Run(Path("bench"), METHOD_RUNS, {"data": data}, table, whole, {})
+    manifest = {**MANIFEST, "data": {"one": {**DATA, "n": n}}}
+    return Run(Path("bench"), METHOD_RUNS, manifest, table, whole, {})
 
 
 def standing(*args: Any, **more: Any) -> Standing:
@@ -213,11 +218,11 @@ def test_other_runs_change_neither_p_values_nor_ties() -> None:
 
 def test_a_comparison_that_is_split_into_runs_has_the_p_values_of_the_whole() -> None:
     first, _ = first_and_others()
-    suite = {"plan": {"suite": {"methods": ["first0", "first1", "first2", "first3"]}}}
-    whole = named(first, "whole", "2026-01-01", **suite)
+    plan = {**PLAN, "suite": {"methods": ["first0", "first1", "first2", "first3"]}}
+    whole = named(first, "whole", "2026-01-01", plan=plan)
     parts = [
         replace(
-            named(first, f"part{k}", f"2025-01-0{k + 1}", **suite),
+            named(first, f"part{k}", f"2025-01-0{k + 1}", plan=plan),
             samples=first.samples[first.samples["method"].isin(pair)],
         )
         for k, pair in enumerate((("first0", "first1"), ("first1", "first2"), ("first3",)))
@@ -245,7 +250,8 @@ def test_repeats_are_one_row_and_change_nothing() -> None:
     # Nor do figures matter that one of the runs has of other scenarios alone.
     other = first.samples.assign(scenario="two", iou=0.5)
     both = pd.concat([first.samples.assign(iou=np.nan), other], ignore_index=True)
-    wider = replace(named(first, "wider", "2026-02-03"), samples=both)
+    data = dict.fromkeys(("one", "two"), first.manifest["data"]["one"])
+    wider = replace(named(first, "wider", "2026-02-03", data=data), samples=both)
     of_one = next(of for of in standings([first, wider]) if of.rows[0]["scenario"] == "one")
     assert [row["repeats"] for row in of_one.rows] == ["first"] * 4
     # Of other results, it is no repeat.
@@ -257,8 +263,8 @@ def test_repeats_are_one_row_and_change_nothing() -> None:
     [
         ({}, 1),
         ({"cells": [{"scenario": "one", "name": "a", "parameters": {"weight": 1}}]}, 2),
-        ({"plan": {"plugins": [{"names": ["a"], "sha256": "c0de"}]}}, 2),
-        ({"plan": {"plugins": [{"names": ["b"], "sha256": "c0de"}]}}, 1),
+        ({"plan": {**PLAN, "plugins": [{"names": ["a"], "sha256": "c0de"}]}}, 2),
+        ({"plan": {**PLAN, "plugins": [{"names": ["b"], "sha256": "c0de"}]}}, 1),
     ],
 )
 def test_a_repeat_has_the_same_parameters_and_code(about: dict[str, Any], rows: int) -> None:
@@ -322,7 +328,7 @@ def test_a_method_that_lacks_samples_or_failed_on_all_has_no_interval() -> None:
 def test_operators_get_no_intervals() -> None:
     names = {"suite": "s", "scenario": "one", "operator": "o"}
     samples = pd.DataFrame({**names, "sample": [0], "status": "ok", "mse": 1.0})
-    run = Run(Path("run"), OPERATOR_RUNS, {}, samples, pd.DataFrame(columns=list(names)), {})
+    run = Run(Path("run"), OPERATOR_RUNS, MANIFEST, samples, pd.DataFrame(columns=list(names)), {})
     (found,) = standings([run])
     assert found.why_not.startswith("There are no intervals for operators")
 

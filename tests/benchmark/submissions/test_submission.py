@@ -329,7 +329,7 @@ def copy_the_truth(run: Path, method: str = "my-noser") -> None:
             "tells other numbers of samples",
         ),
         (
-            edit_json(lambda m: m["data"].update(more={"n": 3})),
+            edit_json(lambda m: m["data"].update(more={**next(iter(m["data"].values())), "n": 3})),
             ROWS,
             "tells other numbers of samples",
         ),

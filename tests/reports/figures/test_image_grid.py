@@ -59,7 +59,7 @@ def test_truth_first_then_methods_by_rank_one_row_per_family(full_run: Path) -> 
 
 def test_presses_are_marked_in_the_image_s_frame(full_run: Path) -> None:
     grid = comparison(read_run(full_run), "position-set")
-    assert grid.title == "bench / position-set: 8 test samples"
+    assert grid.title == "bench / position-set: sensor disc, 8 test samples"
     assert "truth" not in grid.columns
     assert grid.contrast
     x0, y0, x1, y1 = grid.bounds

@@ -28,7 +28,13 @@ OWN = """@article{mine2026,
 
 def report(sources: dict[str, str], **run: Any) -> Any:
     rows = [{"method": name} for name in sources]
-    manifest = {"plan": None, "data": None, "versions": None, "started": None, "sources": sources}
+    manifest = {
+        "plan": {"suite": {"name": "other", "scenarios": []}},
+        "data": {},
+        "versions": {},
+        "started": "2026-01-01",
+        "sources": sources,
+    }
     return {"boards": [{"views": [{"rows": rows}]}], "runs": [manifest | run]}
 
 
@@ -77,7 +83,7 @@ def test_recordings_and_suites_are_cited() -> None:
         report(
             {"noser": ""},
             plan={"suite": suite},
-            data={"ohmc16": {"hash": "ab" * 32}, "own": {"hash": None}},
+            data={"ohmc16": {"hash": "ab" * 32}, "own": {"hash": "cd" * 32}},
             versions={"eitbench": "0.1.0"},
             started="2026-11-23T10:00:00+00:00",
         )
@@ -86,7 +92,7 @@ def test_recordings_and_suites_are_cited() -> None:
         "eitbench", "cheney1990", "hardman2023", "suite-quick",
     ]  # fmt: skip
     assert r"Suite quick of eitbench: Two \& more" in text
-    assert "Version 0.1.0; SHA-256 of the data begins with: ohmc16 abababababab" in text
+    assert "Version 0.1.0; SHA-256 of the data begins with: ohmc16 abababababab, own cdcd" in text
 
 
 @pytest.mark.parametrize(
@@ -104,6 +110,7 @@ def test_recordings_and_suites_are_cited() -> None:
 def test_an_entry_that_could_do_more_is_but_a_note(source: str) -> None:
     text = bibliography(report({"mine": source}))
     _, _, own = text.partition("@misc{method-mine,")
+    own, _, _ = own.partition("@misc{suite-other,")
     assert own.count("@") == 0
     escaped = own.replace(r"\textbackslash{}", "")
     assert "\\" not in re.sub(r"\\[&%_#$]|\\textasciitilde\{\}", "", escaped)

@@ -103,8 +103,8 @@ def test_markdown_shows_one_table_per_scenario_with_the_best_in_bold(full_run: P
     assert text.count("### ") == 4
     tables = dict(part.split("\n", 1) for part in text.split("### ")[1:])
     simulated, pressed, *_ = tables
-    assert simulated == "bench / conductivity-set: SNR 50 dB, 8 test samples"
-    assert pressed == "bench / position-set: 8 test samples"
+    assert simulated == "bench / conductivity-set: sensor foam16, SNR 50 dB, 8 test samples"
+    assert pressed == "bench / position-set: sensor disc, 8 test samples"
     assert "SSIM" in tables[simulated]
     assert "SSIM" not in tables[pressed]
     assert "Training" not in text
@@ -204,14 +204,14 @@ def test_a_mean_over_the_first_samples_is_not_the_best(build: Any, dataset_of: A
 def test_unlike_data_get_tables_of_their_own(full_run: Path, tmp_path: Path) -> None:
     other = shutil.copytree(full_run, tmp_path / "other")
     with edited_manifest(other) as content:
-        content["data"]["conductivity-set"] = {"hash": "77c0ffee", "n": 8}
+        content["data"]["conductivity-set"]["hash"] = "77c0ffee"
     text = FORMATS["html"](ranked_rows([full_run, other]))
     assert re.findall("<caption>(.*)</caption>", text) == [
-        "bench / conductivity-set (n = 8, data 3f2a1b): SNR 50 dB, 8 test samples",
-        "bench / position-set: 8 test samples",
-        "bench / classes-set: 8 test samples",
-        "bench / none-set: 8 test samples",
-        "bench / conductivity-set (n = 8, data 77c0ff): SNR 50 dB, 8 test samples",
+        "bench / conductivity-set (n = 8, data 3f2a1b): sensor foam16, SNR 50 dB, 8 test samples",
+        "bench / position-set: sensor disc, 8 test samples",
+        "bench / classes-set: sensor disc, 8 test samples",
+        "bench / none-set: sensor disc, 8 test samples",
+        "bench / conductivity-set (n = 8, data 77c0ff): sensor foam16, SNR 50 dB, 8 test samples",
     ]
 
 
