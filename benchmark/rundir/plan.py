@@ -113,10 +113,6 @@ class Plan(_Declared):
         return str(_KNOWN[self.suite.ranks]()[name].source)
 
 
-class _Data(BaseModel):
-    hash: str
-
-
 class _Cell(BaseModel):
     scenario: str
     name: str
@@ -131,14 +127,11 @@ class _Planned(BaseModel):
 
 
 class _Resumable(_Planned):
-    """The part of a manifest that a run is continued from."""
+    """What a run is continued from, besides what every manifest has."""
 
-    status: str
     batch: int
     resumed: list[Any]
-    skipped: dict[str, Any]
     refused: dict[str, Any]
-    data: dict[str, _Data]
     cells: list[_Cell]
 
 
