@@ -236,13 +236,23 @@ def test_nesting_without_end_is_refused(tmp_path: Path) -> None:
         read_csv(tmp_path / "deep.csv")
 
 
+PLAN: dict[str, Any] = {
+    "suite": {"name": "mine", "scenarios": []},
+    "names": [],
+    "scenarios": [],
+    "limit": None,
+    "plugins": [],
+}
+
+
 @pytest.mark.parametrize(
     ("content", "field"),
     [
         ({"data": {"s": 3}}, "data.s"),
         ({"calibration_ms": "fast"}, "calibration_ms"),
         ({"calibration_ms": 0}, "calibration_ms"),
-        ({"plan": 3}, "plan"),
+        ({"plan": PLAN | {"plugins": [{"path": 3}]}}, "plan.plugins.0.path"),
+        ({"plan": PLAN | {"suite": {"name": "mine"}}}, "plan.suite.scenarios"),
         ({"skipped": ["a"]}, "skipped"),
     ],
 )
@@ -256,7 +266,7 @@ def test_a_manifest_of_other_kinds_is_refused(
         read_manifest(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["status", "plan", "data", "machine", "started"])
+@pytest.mark.parametrize("name", ["status", "plan", "cells", "data", "skipped", "machine"])
 def test_a_manifest_that_lacks_something_is_refused(tmp_path: Path, name: str) -> None:
     write_manifest(tmp_path, "mine", {}, [])
     read_manifest(tmp_path)
