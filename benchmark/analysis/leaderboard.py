@@ -247,7 +247,7 @@ def _known_numbers(cell: pd.DataFrame, name: str) -> Array:
     return values[~np.isnan(values)]
 
 
-def _below_ceiling(scenario: str, data_hash: str | None, cell: pd.DataFrame) -> Row:
+def _below_ceiling(scenario: str, data_hash: str, cell: pd.DataFrame) -> Row:
     found = None
     if "psnr" in cell:  # columns of nothing but NaN are left out
         psnr, samples = numbers(cell, "psnr"), cell["sample"].to_numpy()
@@ -262,7 +262,7 @@ def _plain(value: Any) -> float | None:
 
 
 def is_whole(row: Row) -> bool:
-    """True if a row is of all samples of its scenario, or as far as is known."""
+    """True if a row is of all samples of its scenario, as far as is known of published ones."""
     return row["data_n"] is None or row["n"] >= row["data_n"]
 
 

@@ -58,8 +58,8 @@ def _cost_where() -> str:
     rows = _cost_rows()
     return (
         f"The aim is {AIM_MS:g} ms a sample or {100 * AIM_SHARE:g} % of a run, whichever is "
-        f"larger: {sum(map(_held, rows))} of {len(rows)} methods meet it. Measured by {commands} "
-        f"on {machine}, where the calibration solve took {solves} ms."
+        f"larger. Methods within it: {sum(map(_held, rows))} of {len(rows)}. Measured by "
+        f"{commands} on {machine}, where the calibration solve took {solves} ms."
     )
 
 

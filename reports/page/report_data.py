@@ -90,7 +90,7 @@ class BoardData(TypedDict):
     apart: str
     kind: str
     n: int
-    data_hash: str | None
+    data_hash: str
     inverse_crime: bool
     sensor: str
     recorded: bool
@@ -270,7 +270,7 @@ def counted_data(boards: Sequence[BoardData]) -> str:
 
 
 def _sensor(run: Run, scenario: str) -> tuple[str, bool]:
-    """Return the sensor of a scenario, "" where it is not known, and if the data are recorded."""
+    """Return the sensor of a scenario, and if the data are recorded."""
     declared = run.manifest["plan"]["suite"]["scenarios"]
     recorded = any((s.get("name"), s.get("kind")) == (scenario, "recorded") for s in declared)
     return run.manifest["data"][scenario]["sensor"], recorded
@@ -354,7 +354,7 @@ def _board(
         name=f"{first['suite']} / {scenario}" + (f" ({apart})" if apart else ""),
         apart=apart,
         kind=kind,
-        n=first["data_n"] or first["n"],
+        n=first["data_n"],
         data_hash=first["data_hash"],
         inverse_crime=first["inverse_crime"],
         sensor=sensor,

@@ -179,7 +179,7 @@ class Edition:
     def wins(self) -> list[WinsRow]:
         """Methods over all suites of methods, every data set counting once."""
         return wins_over_suites(
-            DataFigures(suite.name, data_of(board), suite.figures[board["scenario"]])
+            DataFigures(suite.name, board["data_hash"], suite.figures[board["scenario"]])
             for suite in self.suites
             for board in suite.boards
             if board["kind"] == "method"
@@ -191,14 +191,9 @@ class Edition:
         most: dict[str, int] = {}
         for suite in self.suites:
             for board in suite.boards:
-                data = data_of(board)
+                data = board["data_hash"]
                 most[data] = max(board["n"], most.get(data, 0))
         return sum(most.values())
-
-
-def data_of(board: BoardData) -> str:
-    """The hash of the data of a board; its name where that is not known."""
-    return board["data_hash"] or board["name"]
 
 
 def _names(parts: Iterable[SuitePart]) -> list[str]:

@@ -107,17 +107,16 @@ def told_apart(firsts: Sequence[Row]) -> list[str]:
 
 def _data(row: Row) -> str:
     """Return the size and hash of data, which tell those of one scenario apart."""
-    digits = "unknown" if row["data_hash"] is None else row["data_hash"][:_HASH_DIGITS]
-    return f"n = {row['n'] if row['data_n'] is None else row['data_n']}, data {digits}"
+    return f"n = {row['data_n']}, data {row['data_hash'][:_HASH_DIGITS]}"
 
 
 def _about(row: Row) -> str:
     """Return what is known of the data of a board: sensor, noise, number of samples, mesh."""
-    parts = [] if row.get("sensor") is None else [f"sensor {row['sensor']}"]
+    parts = [f"sensor {row['sensor']}"]
     if row.get("snr_db") is not None:
         ends = dict.fromkeys(f"{row[name]:.0f}" for name in ("snr_db_min", "snr_db_max"))
         parts.append(f"SNR {' to '.join(ends)} dB")
-    n = row["n"] if row["data_n"] is None else row["data_n"]
+    n = row["data_n"]
     parts.append(f"{n:,} test sample{'' if n == 1 else 's'}")
     if row["inverse_crime"] is not None:
         parts.append(f"data from {_MESHES[row['inverse_crime']]}")
@@ -272,7 +271,7 @@ def overlaps(board: Sequence[Row]) -> list[str]:
     sentences = []
     for row in board:
         if row.get("overlap"):
-            total = row["n"] if row["data_n"] is None else row["data_n"]
+            total = row["data_n"]
             sentences.append(
                 f"{row['overlap']:.0f} of {total} test samples were in the training set of "
                 f"{row['method']}"

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from tests.support.made_runs import edited_manifest
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
@@ -154,6 +155,17 @@ def test_a_damaged_run_is_refused(
     if content is not None:
         (path / name).write_bytes(content)
     with pytest.raises(error, match=words):
+        read_run(path)
+
+
+def test_rows_of_data_that_the_manifest_does_not_know_are_refused(
+    full_run: Path, tmp_path: Path
+) -> None:
+    path = shutil.copytree(full_run, tmp_path / "spoilt")
+    with edited_manifest(path) as content:
+        del content["data"]["classes-set"]
+        content["data"]["none-set"]["n"] = 1000  # else it has too many rows first of all
+    with pytest.raises(DataCorruptError, match="says nothing of the data of 'classes-set'"):
         read_run(path)
 
 
