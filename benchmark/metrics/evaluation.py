@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,7 @@ from eitbench.benchmark.metrics.load import LoadCalibration, fit_load
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS, bounded_score, score
 from eitbench.scenarios.arrays import Array, nearest_pixels
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.phantoms.contacts import contacts, is_constant, locate
+from eitbench.scenarios.phantoms.contacts import Contacts, contacts, is_constant, locate
 from eitbench.scenarios.recordings.descriptors import LOADS, contact_places
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.similarity import Similarity, fit_similarity
@@ -51,6 +51,65 @@ class GroundTruth:
 Known: TypeAlias = "Dataset | GroundTruth"
 
 
+class Scorer:
+    """Scores estimates of the images of a data set; what it takes of the truth is found once.
+
+    Attributes:
+        dataset: with the truth.
+    """
+
+    def __init__(self, dataset: Known) -> None:
+        self.dataset = dataset
+        self._touches: dict[int, _Touches] = {}
+
+    def __call__(
+        self,
+        estimates: ArrayLike,
+        registration: Similarity | None = None,
+        calibration: LoadCalibration | None = None,
+    ) -> pd.DataFrame:
+        """Return the table of `evaluate`; arguments and errors as there."""
+        dataset, images = self.dataset, _imputed(self.dataset, estimates)
+        if dataset.truth == "position" and registration is None:
+            raise InputError(
+                f"Scenario {dataset.scenario!r} has places in the robot's coordinates: first find "
+                "how images map to them (`fit_registration`), on its validation split."
+            )
+        table = pd.DataFrame({"sample": dataset.samples["sample"].to_numpy()})
+        for name in METRIC_COLUMNS:
+            table[name] = np.nan
+        table["cc_undefined"] = False
+        for start in range(0, len(images), _BLOCK):
+            rows = np.arange(start, min(start + _BLOCK, len(images)))
+            figures = self._figures(rows, images[rows], registration)
+            if calibration is not None:
+                figures |= _figures_of_loads(dataset, rows, images[rows], calibration)
+            for name, values in figures.items():
+                table.loc[rows, name] = values
+        return table
+
+    def _figures(
+        self,
+        rows: NDArray[np.intp],
+        images: NDArray[np.float32],
+        registration: Similarity | None,
+    ) -> Columns:
+        dataset = self.dataset
+        contrast = images.astype(np.float64) - dataset.sensor.background
+        if registration is not None and dataset.truth == "position":
+            if "contacts" in dataset.samples:
+                places = contact_places(dataset.samples)[rows]
+                return _figures_of_contacts(registration, dataset.sensor, places, contrast)
+            presses = _presses(dataset)[rows]
+            return _figures_of_positions(registration, dataset.sensor, presses, contrast)
+        if dataset.truth == "none":
+            return {"response": np.sqrt(np.mean(contrast[:, dataset.sensor.mask] ** 2, axis=1))}
+        truth = _true_images(dataset, rows)
+        if rows[0] not in self._touches:
+            self._touches[rows[0]] = _Touches.of(dataset, truth)
+        return _figures_of_images(dataset, rows, truth, self._touches[rows[0]], images, contrast)
+
+
 def evaluate(
     dataset: Known,
     estimates: ArrayLike,
@@ -68,24 +127,7 @@ def evaluate(
     Raises:
         InputError: estimates of the wrong shape, or no registration where it is needed.
     """
-    images = _imputed(dataset, estimates)
-    if dataset.truth == "position" and registration is None:
-        raise InputError(
-            f"Scenario {dataset.scenario!r} has places in the robot's coordinates: first find how "
-            "images map to them (`fit_registration`), on its validation split."
-        )
-    table = pd.DataFrame({"sample": dataset.samples["sample"].to_numpy()})
-    for name in METRIC_COLUMNS:
-        table[name] = np.nan
-    table["cc_undefined"] = False
-    for start in range(0, len(images), _BLOCK):
-        rows = np.arange(start, min(start + _BLOCK, len(images)))
-        figures = _figures(dataset, rows, images[rows], registration)
-        if calibration is not None:
-            figures |= _figures_of_loads(dataset, rows, images[rows], calibration)
-        for name, values in figures.items():
-            table.loc[rows, name] = values
-    return table
+    return Scorer(dataset)(estimates, registration, calibration)
 
 
 def fit_registration(validation: Known, estimates: ArrayLike) -> Similarity:
@@ -225,39 +267,49 @@ def _presses(dataset: Known) -> Array:
     return places[:, 0] if places.shape[1] == 1 else np.asarray(np.nanmean(places, axis=1))
 
 
-def _figures(
-    dataset: Known,
-    rows: NDArray[np.intp],
-    images: NDArray[np.float32],
-    registration: Similarity | None,
-) -> Columns:
-    contrast = images.astype(np.float64) - dataset.sensor.background
-    if registration is not None and dataset.truth == "position":
-        if "contacts" in dataset.samples:
-            places = contact_places(dataset.samples)[rows]
-            return _figures_of_contacts(registration, dataset.sensor, places, contrast)
-        presses = _presses(dataset)[rows]
-        return _figures_of_positions(registration, dataset.sensor, presses, contrast)
-    if dataset.truth == "none":
-        return {"response": np.sqrt(np.mean(contrast[:, dataset.sensor.mask] ** 2, axis=1))}
-    return _figures_of_images(dataset, rows, images, contrast)
+class _Touches(NamedTuple):
+    """What images are compared with, of the true images of a block.
+
+    Attributes:
+        contacts: the true ones.
+        zones: around their edges; of images of classes there are none.
+    """
+
+    contacts: Contacts
+    zones: list[tactile.EdgeZone | None]
+
+    @classmethod
+    def of(cls, dataset: Known, truth: Array) -> _Touches:
+        """Those of true images (n, H, W)."""
+        conducts = dataset.truth == "conductivity"
+        contrast = truth - dataset.sensor.background if conducts else truth
+        true = contacts(contrast, dataset.sensor)
+        return cls(true, tactile.edge_zones(true, contrast, dataset.sensor) if conducts else [])
 
 
-def _figures_of_images(
-    dataset: Known, rows: NDArray[np.intp], images: NDArray[np.float32], contrast: Array
-) -> Columns:
+def _true_images(dataset: Known, rows: NDArray[np.intp]) -> Array:
+    """True conductivity or classes (n, H, W) on the pixels of estimates."""
     known = dataset.conductivity if dataset.truth == "conductivity" else dataset.classes
     if known is None:
         raise InputError(f"Scenario {dataset.scenario!r} holds no true {dataset.truth}.")
+    return nearest_pixels(known[rows], dataset.sensor.image_shape).astype(np.float64)
+
+
+def _figures_of_images(
+    dataset: Known,
+    rows: NDArray[np.intp],
+    truth: Array,
+    touches: _Touches,
+    images: NDArray[np.float32],
+    contrast: Array,
+) -> Columns:
     sensor, mask = dataset.sensor, dataset.sensor.mask
-    truth = nearest_pixels(known[rows], sensor.image_shape).astype(np.float64)
-    background = sensor.background if dataset.truth == "conductivity" else 0.0
-    true, found = contacts(truth - background, sensor), contacts(contrast, sensor)
+    true, found = touches.contacts, contacts(contrast, sensor)
     figures: Columns = {"cc_undefined": is_constant(truth, mask) | is_constant(images, mask)}
     if dataset.truth == "conductivity":
         four = image_figures(truth, images, sensor.data_range, mask)
         figures |= {**four, "score": score(**four), "bounded": bounded_score(four)}
-        edge, artefacts = tactile.edges_and_artefacts(true, truth - background, contrast, sensor)
+        edge, artefacts = tactile.edges_and_artefacts(touches.zones, contrast, sensor)
         figures |= {"edge": edge, "artefacts": artefacts}
         pressed = _soft_presses(dataset)[rows]
         if pressed.any():
@@ -266,9 +318,9 @@ def _figures_of_images(
             figures["force_error"] = np.where(pressed, error, np.nan)
     else:
         figures["cc"] = cc(truth, contrast, mask)
-        if known.shape[1:] == (ktc.SIDE, ktc.SIDE):
+        if dataset.classes is not None and dataset.classes.shape[1:] == (ktc.SIDE, ktc.SIDE):
             inside = np.where(mask, contrast, 0.0)  # as the challenge fills its images up
-            figures["ktc_score"] = ktc.ktc_score(known[rows], inside)
+            figures["ktc_score"] = ktc.ktc_score(dataset.classes[rows], inside)
         for name, sign in (("iou_resistive", -1), ("iou_conductive", 1)):
             figures[name] = tactile.overlap(true.region, found.region, (sign,))
     area = true.total_area

@@ -3,6 +3,9 @@
 `eitbench.scenarios.phantoms.contacts` finds the contacts.
 """
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
@@ -77,27 +80,43 @@ def overlap(
     return result
 
 
-def edges_and_artefacts(
-    contacts: Contacts, truth: Array, estimate: Array, sensor: Sensor
-) -> tuple[Array, Array]:
-    """Sharpness at the edges of true contacts, and contrast that lies away from them.
+class EdgeZone(NamedTuple):
+    """Pixels about the edges of the true contacts of one image, by their place in the flat image.
 
-    The zone of an edge reaches `EDGE_ZONE` of the sensor's diameter to both of its sides.
+    Attributes:
+        inner, outer: those within a distance of an edge, on its inner and on its outer side.
+        inner_sign, outer_sign: of the contacts that these belong to.
+        near: all of contacts and within the distance of one.
+        step: mean step of the true contrast from `outer` to `inner` [S/m].
+        norm: of the true contrast [S/m].
+    """
+
+    inner: NDArray[np.int32]
+    outer: NDArray[np.int32]
+    inner_sign: NDArray[np.int8]
+    outer_sign: NDArray[np.int8]
+    near: NDArray[np.int32]
+    step: float
+    norm: float
+
+
+def edge_zones(contacts: Contacts, truth: Array, sensor: Sensor) -> list[EdgeZone | None]:
+    """Zones around the edges of true contacts, one for each image.
+
+    They reach `EDGE_ZONE` of the sensor's diameter to both sides of an edge.
 
     Args:
         contacts: the true contacts.
         truth: (n, H, W) true contrast [S/m].
-        estimate: (n, H, W) contrast of the estimate [S/m].
 
     Returns:
-        The mean step of the estimate from the outer to the inner half of the zones, over that of
-        the truth (n,); and the norm of its contrast outside contacts and zones, over the norm of
-        the true contrast (n,). NaN where there is no true contact, or no pixel lies within
-        `EDGE_ZONE` outside one (coarse images).
+        None where there is no true contact, or no pixel lies within `EDGE_ZONE` outside one
+        (coarse images).
     """
     pixel = _pixel(sensor)
     reach = EDGE_ZONE * diameter(sensor)
-    edge, artefacts = np.full(len(truth), np.nan), np.full(len(truth), np.nan)
+    number = np.arange(sensor.mask.size, dtype=np.int32).reshape(sensor.mask.shape)
+    zones: list[EdgeZone | None] = [None] * len(truth)
     for n in np.unique(contacts.image):
         window = _window(contacts.region[n], reach, pixel)
         region, mask = contacts.region[n][window], sensor.mask[window]
@@ -109,15 +128,47 @@ def edges_and_artefacts(
         outer = ~contact & (outside <= reach) & mask
         if not outer.any():
             continue
-        step, whole = (
-            (sign * image[n][window])[inner].mean() - (sign * image[n][window])[outer].mean()
-            for image in (estimate, truth)
-        )
-        edge[n] = step / whole
-        far = sensor.mask.copy()
-        far[window] &= outside > reach
-        artefacts[n] = np.linalg.norm(estimate[n][far]) / np.linalg.norm(truth[n][sensor.mask])
+        inwards, outwards, near = (number[window][of] for of in (inner, outer, outside <= reach))
+        signs = sign[inner], sign[outer]
+        step = _step(truth[n].ravel(), inwards, outwards, *signs)
+        norm = float(np.linalg.norm(truth[n][sensor.mask]))
+        zones[n] = EdgeZone(inwards, outwards, *signs, near, step, norm)
+    return zones
+
+
+def edges_and_artefacts(
+    zones: Sequence[EdgeZone | None], estimate: Array, sensor: Sensor
+) -> tuple[Array, Array]:
+    """Sharpness at the edges of true contacts, and contrast that lies away from them.
+
+    Args:
+        zones: of the n images.
+        estimate: (n, H, W) contrast of the estimate [S/m].
+
+    Returns:
+        The mean step of the estimate from the outer to the inner half of the zones, over that of
+        the truth (n,); and the norm of its contrast outside contacts and zones, over the norm of
+        the true contrast (n,). NaN where there is no zone.
+    """
+    edge, artefacts = np.full(len(zones), np.nan), np.full(len(zones), np.nan)
+    for n, zone in enumerate(zones):
+        if zone is not None:
+            image, far = estimate[n].ravel(), sensor.mask.flatten()
+            far[zone.near] = False
+            edge[n] = _step(image, *zone[:4]) / zone.step
+            artefacts[n] = np.linalg.norm(image[far]) / zone.norm
     return edge, artefacts
+
+
+def _step(
+    image: Array,
+    inner: NDArray[np.int32],
+    outer: NDArray[np.int32],
+    inner_sign: NDArray[np.int8],
+    outer_sign: NDArray[np.int8],
+) -> float:
+    """Mean step of a flat image from `outer` to `inner`; arguments as of `EdgeZone`."""
+    return float((inner_sign * image[inner]).mean() - (outer_sign * image[outer]).mean())
 
 
 def _window(

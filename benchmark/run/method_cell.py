@@ -4,7 +4,7 @@ import json
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import joblib
@@ -16,7 +16,7 @@ from pydantic import Field, TypeAdapter
 from eitbench.benchmark.metrics.evaluation import (
     LEAST_PRESSES,
     REGISTRATION_FRAMES,
-    evaluate,
+    Scorer,
     fit_calibration,
     fit_registration,
     knows_loads,
@@ -133,7 +133,13 @@ class MethodData(CellData):
     def task(self, plan: CellPlan, store: RunStore) -> "MethodCellTask":
         """Return the method of the cell, with fewer test samples where the suite says so."""
         n = plan.suite.first.get(plan.cell.name, len(self.test))
-        return MethodCellTask(plan, store, replace(self, test=self.test.first(n)))
+        data = self if n >= len(self.test) else replace(self, test=self.test.first(n))
+        return MethodCellTask(plan, store, data)
+
+    @cached_property
+    def scorer(self) -> Scorer:
+        """It scores images of the test frames; all methods have the same."""
+        return Scorer(self.test)
 
     def truth(self) -> Truth:
         """Return the true images, with the attributes that are needed to draw them."""
@@ -360,7 +366,7 @@ class MethodCellTask(FrameTask):
             if calibration is not None:
                 whole["load_calibration"] = calibration.to_json()
         images = stored.values["conductivity"]
-        table = evaluate(self.data.test, images, registration, calibration)
+        table = self.data.scorer(images, registration, calibration)
         table = table.drop(columns="sample").assign(frame_ms=stored.values["frame_ms"])
         if np.isfinite(stored.values["novelty"]).any():
             table = table.assign(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark import metrics
 from eitbench.benchmark.metrics.evaluation import (
     GroundTruth,
+    Scorer,
     evaluate,
     fit_calibration,
     fit_registration,
@@ -70,6 +71,14 @@ def test_conductivity_is_scored_with_all_metrics() -> None:
     assert (rows["iou"] > 0.9).all()
     assert not rows["cc_undefined"].any()
     np.testing.assert_allclose(rows[["found_x_m", "found_y_m"]], places(5), atol=2e-3)
+
+
+def test_a_scorer_that_is_asked_again_scores_as_if_asked_first() -> None:
+    truth = presses(places(300))  # more than one block
+    data = dataset("conductivity", 300, truth)
+    scorer, noise = Scorer(data), np.random.default_rng(0).standard_normal(truth.shape)
+    for estimates in (truth + 0.01 * noise, truth[::-1] + 0.02 * noise):
+        pd.testing.assert_frame_equal(scorer(estimates), evaluate(data, estimates))
 
 
 def test_the_force_is_scored_where_a_pressure_is_known() -> None:

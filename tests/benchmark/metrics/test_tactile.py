@@ -67,10 +67,10 @@ def bars(inside: float, outside: float, far: float = 0.0, sign: float = -1.0) ->
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_edge_and_artefacts_of_a_bar_as_by_hand(sign: float) -> None:
     truth = bars(1.0, 0.0, sign=sign)
-    true = contacts(truth, FOAM)
+    zones = tactile.edge_zones(contacts(truth, FOAM), truth, FOAM)
 
     def figures(image: Array) -> tuple[float, float]:
-        edge, artefacts = tactile.edges_and_artefacts(true, truth, image, FOAM)
+        edge, artefacts = tactile.edges_and_artefacts(zones, image, FOAM)
         return float(edge[0]), float(artefacts[0])
 
     assert figures(truth) == pytest.approx((1, 0))
@@ -87,18 +87,18 @@ def test_edge_and_artefacts_of_a_bar_as_by_hand(sign: float) -> None:
 
 def test_edges_blur_and_contacts_of_both_signs_count_alike() -> None:
     truth = blobs((0.03, 0.03, 0.012, -0.8), (0.07, 0.07, 0.012, 0.8))
-    true = contacts(truth, FOAM)
+    zones = tactile.edge_zones(contacts(truth, FOAM), truth, FOAM)
     widths = [0, 1, 2, 4, 8]
     found = [
-        tactile.edges_and_artefacts(true, truth, gaussian_filter(truth, (0, w, w)), FOAM)
-        for w in widths
+        tactile.edges_and_artefacts(zones, gaussian_filter(truth, (0, w, w)), FOAM) for w in widths
     ]
     edges, artefacts = np.array(found)[:, :, 0].T
     assert (np.diff(edges) < 0).all()
     assert (np.diff(artefacts) > 0).all()
     # Where nothing was touched there is nothing to compare with.
     nothing = np.zeros_like(truth)
-    blank = tactile.edges_and_artefacts(contacts(nothing, FOAM), nothing, truth, FOAM)
+    zones = tactile.edge_zones(contacts(nothing, FOAM), nothing, FOAM)
+    blank = tactile.edges_and_artefacts(zones, truth, FOAM)
     assert np.isnan(blank).all()
 
 
@@ -125,7 +125,8 @@ def test_edges_are_those_by_the_distance_of_every_pixel_from_every_other(sensor:
         nearest = {sign: apart[:, region == sign].min(axis=1, initial=9.0) for sign in (-1, 1)}
         sign = np.where(nearest[1] < nearest[-1], 1.0, -1.0)
         tied = outer & np.isclose(nearest[1], nearest[-1])
-        edge, artefacts = tactile.edges_and_artefacts(true, truth, image, sensor)
+        zones = tactile.edge_zones(true, truth, sensor)
+        edge, artefacts = tactile.edges_and_artefacts(zones, image, sensor)
         step, whole = (
             (sign * of.ravel())[inner].mean() - (sign * of.ravel())[outer].mean()
             for of in (image, truth)
