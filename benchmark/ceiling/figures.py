@@ -27,7 +27,12 @@ from eitbench.benchmark.ceiling.drawing import (
 )
 from eitbench.benchmark.ceiling.models import images
 from eitbench.benchmark.ceiling.moves import PROPOSALS, Proposals
-from eitbench.benchmark.ceiling.record import recorded_frames, recorded_runs, traces_held
+from eitbench.benchmark.ceiling.record import (
+    CURVES,
+    recorded_frames,
+    recorded_runs,
+    traces_held,
+)
 from eitbench.benchmark.ceiling.sampler import CORRECTED, LIBRARY, PARTICLES, Draws
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.metrics.statistics import bootstrap, means
@@ -74,7 +79,8 @@ def frames_table(
     traces;
     `effective`, the lesser share of exact weights; `rank_<trace>`, the share of draws below the
     truth; `true_<trace>` and `sd_<trace>`, the truth and the posterior's standard deviation;
-    `likely_<family>`, the probabilities; `STATED`, the figures of the posterior as an uncertainty.
+    `likely_<family>`, the probabilities; `STATED`, the figures of the posterior as an uncertainty,
+    and its curves as texts of numbers, see `record.curves_of`.
 
     Raises:
         InputError: none of these frames has draws.
@@ -164,6 +170,7 @@ def _frame(
         **{f"sd_{name}": float(deviations[t]) for t, name in enumerate(TRACES)},
         **{f"likely_{name}": share for name, share in likely.items()},
         **{name: float(values[0]) for name, values in stated.items() if name in STATED},
+        **{name: " ".join(f"{value:.3g}" for value in kept[name][0].flat) for name in CURVES},
     }, mean  # fmt: skip
 
 

@@ -16,9 +16,12 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, Interval, bootstrap, means
+from eitbench.benchmark.metrics.uncertainty import STORED
 from eitbench.scenarios.arrays import Array, Index
 
 RECORDS = Path(__file__).parent / "records"
+CURVES = ("ranks", "sparsified")
+"""What a record keeps of the draws of a frame besides its figures, as `STORED` has it."""
 _NOTHING = pd.DataFrame(columns=["scenario", "sample", "version", "input_hash", "mse"])
 
 
@@ -76,6 +79,17 @@ def below_ceiling(
         return None
     errors = np.stack([10 ** (-psnr[both] / 10), least[both]], axis=1)
     return bootstrap(errors, drawn_with, decibels)[0]
+
+
+def curves_of(frames: pd.DataFrame) -> dict[str, list[Any]] | None:
+    """Means of `CURVES` over recorded frames; None where the draws of each are all alike."""
+    found = {name: np.array([text.split() for text in frames[name]], np.float64) for name in CURVES}
+    if not np.isfinite(found["ranks"]).any():
+        return None
+    return {
+        name: np.nanmean(values, axis=0).reshape(STORED[name]).tolist()
+        for name, values in found.items()
+    }
 
 
 def traces_held(frames: pd.DataFrame, level: int) -> float:

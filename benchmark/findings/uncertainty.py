@@ -18,7 +18,7 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
 from eitbench.benchmark.analysis.results import Run, in_order
 from eitbench.benchmark.analysis.standings import SIGNIFICANT, compared, groups
-from eitbench.benchmark.ceiling.record import recorded_frames
+from eitbench.benchmark.ceiling.record import curves_of, recorded_frames
 from eitbench.benchmark.findings.noise import CEILING
 from eitbench.benchmark.metrics.aggregation import aggregate
 from eitbench.benchmark.metrics.statistics import (
@@ -64,7 +64,7 @@ class Stated:
     Attributes:
         figures: of `UNCERTAINTY` by name; the interval is NaN where there are too few sessions.
         n: frames.
-        curves: None where no true conductivity is known, and of the ceiling.
+        curves: None where no true conductivity is known.
         rank: by CRPS among the methods that have all frames; None of others, and of the ceiling.
         group: letters, of which methods that cannot be told apart share one; "" without a rank, and
             where there are too few sessions to tell.
@@ -104,7 +104,9 @@ def read_uncertainty(run: Run) -> list[Stated]:
         known = known[known["sample"].isin(rows["sample"])]
         stated = [name for name in names if name in known]
         if track and len(known) and stated:
-            found.append(Stated(scenario, CEILING, _figures(known, stated), len(known), None))
+            means = curves_of(known)
+            curves = Curves.model_validate(means) if means else None
+            found.append(Stated(scenario, CEILING, _figures(known, stated), len(known), curves))
         found += _ranked(track, tables)
     return found
 

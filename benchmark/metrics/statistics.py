@@ -5,7 +5,8 @@ each sample occurs in it: `counts` (b, n) for b draws of n samples. A statistic 
 to its values, so that all figures of all methods share their draws and differences are paired.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -43,16 +44,28 @@ def draw(statistic: Callable[[Array], Array], clusters: ArrayLike, *, draws: int
     Source: Davison and Hinkley, Bootstrap Methods and their Application (1997), sec. 3.8.
     """
     _, of = np.unique(np.asarray(clusters), return_inverse=True)
-    n = int(of.max()) + 1
-    rng = np.random.default_rng(0)
     block = max(1, _BLOCK_BYTES // (8 * len(of)))
-    parts = []
+    if block >= draws:
+        return statistic(_few_counts(of.astype(np.int64).tobytes(), draws))
+    return np.concatenate([statistic(counts) for counts in _counts(of, draws, block)])
+
+
+def _counts(of: NDArray[np.int64], draws: int, block: int) -> Iterator[Array]:
+    """Counts (b, n) of samples whose clusters have the numbers `of` (n,), b `block` or fewer."""
+    n, rng = int(of.max()) + 1, np.random.default_rng(0)
     for start in range(0, draws, block):
         size = min(block, draws - start)
         taken = rng.integers(n, size=(size, n)) + n * np.arange(size)[:, None]
         counts = np.bincount(taken.ravel(), minlength=size * n).reshape(size, n)
-        parts.append(statistic(counts[:, of].astype(np.float64)))
-    return np.concatenate(parts)
+        yield counts[:, of].astype(np.float64)
+
+
+@lru_cache(maxsize=4)  # all figures and methods of a board have the same clusters
+def _few_counts(of: bytes, draws: int) -> Array:
+    """All counts (draws, n) of samples whose clusters have numbers of these bytes."""
+    (counts,) = _counts(np.frombuffer(of, np.int64), draws, draws)
+    counts.setflags(write=False)
+    return counts
 
 
 def once(statistic: Callable[[Array], Array], n: int) -> Array:

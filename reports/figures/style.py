@@ -106,7 +106,7 @@ def save(
         written.append(stem.with_name(f"{stem.name}.{form}"))
         about = _METADATA[form]
         atomic_write(written[-1], partial(figure.savefig, format=form, dpi=dpi, metadata=about))
-        figure.set_layout_engine("none")  # it is laid out, which takes as long as drawing it
+        figure.set_layout_engine(None)  # it is laid out, which takes as long as drawing it
     return written
 
 
@@ -114,7 +114,7 @@ def svg(figure: Figure) -> bytes:
     """The figure as SVG, always the same bytes."""
     content = io.BytesIO()
     figure.savefig(content, format="svg", metadata=_METADATA["svg"])
-    figure.set_layout_engine("none")
+    figure.set_layout_engine(None)
     return content.getvalue()
 
 

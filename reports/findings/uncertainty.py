@@ -48,7 +48,7 @@ _AXES = {
 }
 _HOW = (
     "In the figure, statements are right on dotted lines. Bars: 95 % intervals over sessions, at "
-    "three levels; places, and the ceiling where there is one, are at these levels alone."
+    "three levels; places are at these levels alone."
 )
 
 

@@ -217,9 +217,14 @@ def test_a_frame_that_failed_is_charged_as_certain_of_an_untouched_sensor(run: R
 
 def test_the_ceiling_is_judged_like_a_method(run: Run, records: Path) -> None:
     records.mkdir()
+    # Of one frame all truths lie in the middle of the draws, of another half of them above all.
+    ends = np.eye(DRAWS + 1)
+    ranks = [" ".join(map(str, of)) for of in (ends[DRAWS // 2], (ends[DRAWS // 2] + ends[-1]) / 2)]
     rows = [
         {"scenario": "n", "sample": sample, "mse": 1e-3, "crps": 10.0 * (k + 1),
-         "coverage_50": 0.4, "coverage_80": 0.7, "coverage_95": 0.95, "cluster": f"c{k}"}
+         "coverage_50": 0.4, "coverage_80": 0.7, "coverage_95": 0.95, "cluster": f"c{k}",
+         "ranks": "nan " * (DRAWS + 1) if k == 2 else ranks[k % 2],
+         "sparsified": " ".join([f"{k + 1}"] * 20 + ["0.5"] * 20)}
         for k, sample in enumerate([0, 1, 2, 1_000])
     ]  # fmt: skip
     pd.DataFrame(rows).to_csv(records / "n.csv", index=False)
@@ -228,16 +233,19 @@ def test_the_ceiling_is_judged_like_a_method(run: Run, records: Path) -> None:
     (records / "n.json").write_text(json.dumps({"data": {"n": SCENARIO.data_hash("test")}}))
     record._stored.cache_clear()
     first = read_uncertainty(run)[0]
-    assert (first.method, first.n, first.curves) == (CEILING, 3, None)
+    assert (first.method, first.n) == (CEILING, 3)
     assert first.figures["crps"].value == pytest.approx(20)  # first without being the best
     assert (first.rank, first.group) == (None, "")
     (finding,) = findings(run)
     assert finding.grid[1][:5] == ["n", "–", CEILING, "–", "3"]
     assert finding.figure is not None
-    # Its reliability is known at the three levels, and the sparsified error is not.
+    # Its curves are means over the frames that have them, and no place is known.
     pixels, left, places = finding.figure.axes
     assert [CEILING in labels(axes) for axes in (pixels, left, places)] == [True, False, False]
-    np.testing.assert_allclose(line(pixels, CEILING)[1], [40, 70, 95])
+    x, y = line(pixels, CEILING)
+    np.testing.assert_allclose(y[(x > 5) & (x < 95)], 75)
+    assert first.curves is not None
+    np.testing.assert_allclose(first.curves.sparsified, [[2.0] * 20, [0.5] * 20])
 
 
 def labels(axes: Axes) -> list[str]:
