@@ -20,7 +20,14 @@ from eitbench.benchmark.ceiling.models import PhantomModels
 from eitbench.benchmark.ceiling.moves import PROPOSALS, Proposals
 from eitbench.benchmark.ceiling.prior import FamilyPrior
 from eitbench.benchmark.ceiling.record import recorded_frames
-from eitbench.benchmark.ceiling.sampler import LIBRARY, PARTICLES, Draws, Sampler, library
+from eitbench.benchmark.ceiling.sampler import (
+    CORRECTED,
+    LIBRARY,
+    PARTICLES,
+    Draws,
+    Sampler,
+    library,
+)
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import with_bar
 from eitbench.scenarios.errors import DataCorruptError, InputError
@@ -31,8 +38,9 @@ from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 from eitbench.scenarios.suites.scenario import TOUCHES, Scenario, SimulatedScenario
 
-VERSION = 2
-"""Raised by one whenever a frame gives other draws than before."""
+VERSION, SAME_SINCE = 3, 2
+"""The first is raised by one whenever a frame gives other draws than before. Frames with exact
+weights give the same ones since the second."""
 CLEAN_DB, MOST_DB = 70.0, 80.0
 """SNR of the frames that stand for those without noise, whose posterior has no width, and the
 greatest one."""
@@ -135,8 +143,8 @@ def draw_posteriors(
 ) -> None:
     """Draw from the posteriors of the first `samples` test frames of scenarios.
 
-    With `record`, frames that the product's own record has by this version of the sampler are left
-    out.
+    With `record`, frames of which the product's own record has the draws of this version of the
+    sampler are left out.
 
     Raises:
         InputError: frames that the sampler does not know the law of, or draws of other frames in
@@ -148,7 +156,8 @@ def draw_posteriors(
         law = json.dumps(scenario.clean_parameters("test"))
         data = load(scenario, "test", samples, jobs=jobs, progress=progress)
         recorded = recorded_frames(scenario.name, scenario.data_hash("test") if record else None)
-        recorded = recorded[recorded["version"] == VERSION]
+        same = (recorded["version"] >= SAME_SINCE) & (recorded["effective"] >= CORRECTED)
+        recorded = recorded[same | (recorded["version"] == VERSION)]
         for sample, input_hash in enumerate(data.frame_hashes):
             path = _path(folder, scenario.name, sample)
             if sample not in recorded.index and _read(path, input_hash) is None:

@@ -76,11 +76,11 @@ def frames_table(
     errors over the square of the sensor's data range: `mse` of the posterior mean, estimated by the
     product of both samplers' errors, in which the chance of their draws cancels, `mse_<proposals>`
     of each alone, and `expected_mse`, the variance of the posterior; `rhat`, the greatest of the
-    traces;
-    `effective`, the lesser share of exact weights; `rank_<trace>`, the share of draws below the
-    truth; `true_<trace>` and `sd_<trace>`, the truth and the posterior's standard deviation;
-    `likely_<family>`, the probabilities; `STATED`, the figures of the posterior as an uncertainty,
-    and its curves as texts of numbers, see `record.curves_of`.
+    traces; `effective`, of the draws of either sampler the lesser (`Draws.effective`);
+    `rank_<trace>`, the share of draws below the truth; `true_<trace>` and `sd_<trace>`, the truth
+    and the posterior's standard deviation; `likely_<family>`, the probabilities; `STATED`, the
+    figures of the posterior as an uncertainty, and its curves as texts of numbers, see
+    `record.curves_of`.
 
     Raises:
         InputError: none of these frames has draws.

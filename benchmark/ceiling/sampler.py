@@ -13,11 +13,11 @@ the stand-in is fitted anew to exact solutions of some of them; what that change
 weights. A family has `PARTICLES` for each of its parameters until it is given up; the products of
 their mean weights are its evidence, which says how likely it is.
 
-In the end, `CHECKED` of the particles are solved exactly. Where their weights, the exact likelihood
-over that of the stand-in, leave enough of them, they are the draws; where they do not, for the
-frame tells which pixels of the data's mesh lie in a shape, the draws are of the posterior that
-takes this for noise. Weights cannot tell of a family or a mode that was lost on the way: only the
-other sampler can.
+In the end, `CHECKED` of the particles are solved exactly, and after further moves as many again,
+until their weights, the exact likelihood over that of the stand-in, leave enough of them: these are
+the draws. Where `BATCHES` of them would not do, for the frame tells which pixels of the data's mesh
+lie in a shape, the draws are of the posterior that takes this for noise. Weights cannot tell of a
+family or a mode that was lost on the way: only the other sampler can.
 
 Two kinds of proposals make two samplers, see `moves`.
 """
@@ -53,10 +53,10 @@ KEPT, FALL, FALLS = 0.3, 0.7, 12
 """Effective share that a fit leaves, or b falls by this factor, so often at most."""
 SETTLED, FITS = 0.5, 5
 """Effective share that a fit at b = 1 leaves when it is the last one, and the most such fits."""
-CHECKED = 200
-"""Particles that are solved exactly in the end."""
+CHECKED, BATCHES = 200, 10
+"""Particles that are solved exactly at once in the end, and how often at most."""
 CORRECTED = 0.3
-"""Effective share of their weights from which on these particles are the draws."""
+"""Effective number of their weights, over `CHECKED`, from which on they are the draws."""
 LEAST = 1e-12
 """Of b, in the search for the first one."""
 
@@ -92,7 +92,7 @@ class Draws(NamedTuple):
     Attributes:
         families, vectors: as of `Particles`.
         weights: (n,), which sum to 1.
-        effective: share of `CHECKED` particles that exact weights leave effective; below
+        effective: how many particles exact weights leave effective, over `CHECKED`; below
             `CORRECTED` the draws are all particles, and not exact.
     """
 
@@ -238,22 +238,33 @@ class _Annealing:
         self._particles = self._particles.take(np.concatenate(chosen))
 
     def draws(self) -> Draws:
-        """The draws, by exact weights where these leave enough of them."""
-        particles, of = self._particles, self._of(UNLIKELY)
-        even = np.concatenate(
-            [
-                np.full(len(some), math.exp(self._log_likely[f]) / len(some))
-                for f, some in of.items()
-            ]
-        )
-        even /= even.sum()
-        chosen = particles.take(resampled(even, CHECKED, self._rng))
-        exact = self._models.exact(chosen.families, chosen.vectors)
-        log_weights = self._frame.log_likelihood(exact) - self._log_likelihood(chosen)
-        share = effective(log_weights) / CHECKED
-        if share >= CORRECTED:
-            return Draws(chosen.families, chosen.vectors, special.softmax(log_weights), share)
+        """The draws, by exact weights where these leave enough of them.
+
+        Particles are checked, and moved and checked again, until enough are effective.
+        """
+        particles, even = self._particles, self._even()
+        checked, log_weights, share = [], [], 0.0
+        for batches in range(1, BATCHES + 1):
+            chosen = self._particles.take(resampled(self._even(), CHECKED, self._rng))
+            exact = self._models.exact(chosen.families, chosen.vectors)
+            checked.append(chosen)
+            log_weights.append(self._frame.log_likelihood(exact) - self._log_likelihood(chosen))
+            weights = np.concatenate(log_weights)
+            share = effective(weights) / CHECKED
+            if share >= CORRECTED:
+                families, vectors, _ = map(np.concatenate, zip(*checked, strict=True))
+                return Draws(families, vectors, special.softmax(weights), share)
+            if share / batches * BATCHES < CORRECTED:
+                break
+            self._move()
         return Draws(particles.families, particles.vectors, even, share)
+
+    def _even(self) -> Array:
+        """Weights (n,) of the particles by which each family counts as it is likely."""
+        weights = np.zeros(len(self._particles.families))
+        for family, some in self._of(UNLIKELY).items():
+            weights[some] = math.exp(self._log_likely[family]) / len(some)
+        return np.asarray(weights / weights.sum())
 
     def _move(self) -> None:
         """Metropolis steps of every particle, one for each of `CHAINS`.

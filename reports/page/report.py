@@ -59,38 +59,43 @@ def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]
         InputError, DataCorruptError: as for `read_run` and `report_of`.
         EitbenchError: the files cannot be written.
     """
-    read = [read_run(run) for run in runs]
-    report, found, of_findings = _both_parts(read, out)
+    report, found, files = _both_parts([read_run(run) for run in runs], out)
     with writing(f"the report into {out}"):
-        written = [out / PAGE]
-        links = _code_links(report, runs, out)
-        page = to_page(report, links, found)
-        atomic_write(written[0], page.encode())
-        written += write_paper(report, out) + of_findings
-    return written, report["missing"]
+        page = to_page(report, _code_links(report, runs, out), found)
+        atomic_write(out / PAGE, page.encode())
+    return [out / PAGE, *files], report["missing"]
 
 
 def _both_parts(runs: Sequence[Run], out: Path) -> tuple[ReportData, list[Finding], list[Path]]:
-    """Return what a report shows, the findings of `runs`, and their files, written into `out`.
+    """Return what a report shows, the findings of `runs`, and the files of both, in `out`.
 
     Findings with their figures take almost half of the time: of many samples another process makes
     them, if it can.
     """
     if sum(len(run.samples) for run in runs) <= MANY_SAMPLES:
-        return report_of(runs), *_written_findings(runs, out)
+        report, files = _written_report(runs, out)
+        found, more = _written_findings(runs, out)
+        return report, found, files + more
     with warnings.catch_warnings():
         # Of an error here, joblib would say that the other process was not waited for.
         warnings.filterwarnings("ignore", "[0-9]+ tasks which were still being processed")
         pool = joblib.Parallel(2, return_as="generator", initializer=end_with_parent)
         beside = pool([joblib.delayed(_written_findings)(runs, out)])
         try:
-            report = report_of(runs)
-            ((found, files),) = beside
+            report, files = _written_report(runs, out)
+            ((found, more),) = beside
         except BrokenProcessPool:  # killed, as by a lack of memory for two
-            found, files = _written_findings(runs, out)
+            found, more = _written_findings(runs, out)
         finally:
             beside.close()
-    return report, found, files
+    return report, found, files + more
+
+
+def _written_report(runs: Sequence[Run], out: Path) -> tuple[ReportData, list[Path]]:
+    """Return what a report of `runs` shows, and its files for a paper, written into `out`."""
+    report = report_of(runs)
+    with writing(f"the report into {out}"):
+        return report, write_paper(report, out)
 
 
 def _written_findings(runs: Sequence[Run], out: Path) -> tuple[list[Finding], list[Path]]:
