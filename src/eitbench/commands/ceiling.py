@@ -42,7 +42,7 @@ def ceiling(
         bool,
         typer.Option(
             "--record",
-            help="Draw only frames that eitbench's own record lacks, or has by an older sampler.",
+            help="Draw only frames of which eitbench's own record has no draws of this sampler.",
         ),
     ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,

@@ -112,10 +112,15 @@ def test_frames_of_the_record_are_not_drawn_again(
 def test_frames_by_an_older_sampler_are_drawn_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Those that were not yet, stay in the record."""
+    """Those that were not yet, stay in the record; so do those that it gave the same draws."""
     scenario = FAST.model_copy(update={"test": 4})
     older = write_older_record(scenario, tmp_path, monkeypatch)
+    assert (older["effective"] >= sampler.CORRECTED).all()
     try:
+        monkeypatch.setattr(drawing, "SAME_SINCE", drawing.VERSION - 1)
+        draw_posteriors([scenario], tmp_path / "none", 2, record=True)
+        assert not (tmp_path / "none").exists()
+        monkeypatch.setattr(drawing, "SAME_SINCE", drawing.VERSION)
         draw_posteriors([scenario], tmp_path / "new", 2, record=True)
         assert len(list((tmp_path / "new" / "few").iterdir())) == 2
         frames = write_record(

@@ -7,11 +7,18 @@ import pytest
 from scipy import special, stats
 from tests.support.small_sensors import foam
 
+from eitbench.benchmark.ceiling import sampler
 from eitbench.benchmark.ceiling.figures import traces
 from eitbench.benchmark.ceiling.models import PhantomModels, images
 from eitbench.benchmark.ceiling.moves import PROPOSALS, Proposals
 from eitbench.benchmark.ceiling.prior import FamilyPrior
-from eitbench.benchmark.ceiling.sampler import Particles, Sampler, effective, library
+from eitbench.benchmark.ceiling.sampler import (
+    CHECKED,
+    Particles,
+    Sampler,
+    effective,
+    library,
+)
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.imperfections.noise import add_noise
 from eitbench.scenarios.phantoms.families import FAMILIES
@@ -45,16 +52,22 @@ def made(
 @pytest.mark.slow
 @pytest.mark.parametrize("proposals", PROPOSALS)
 @pytest.mark.parametrize(
-    ("names", "name", "snr_db"),
+    ("names", "name", "snr_db", "enough"),
     [
-        (NAMES, "circle", SNR_DB),
-        (NAMES, "triangle", SNR_DB),
-        (SOFT, "circle", SNR_DB),
-        (SOFT, "soft-press", 6.0),  # firm, and strong in the frame
+        (NAMES, "circle", SNR_DB, sampler.CORRECTED),
+        (NAMES, "triangle", SNR_DB, sampler.CORRECTED),
+        (NAMES, "triangle", SNR_DB, 1.8),  # so that one batch of checked particles does not do
+        (SOFT, "circle", SNR_DB, sampler.CORRECTED),
+        (SOFT, "soft-press", 6.0, sampler.CORRECTED),  # firm, and strong in the frame
     ],
 )
 def test_mean_width_and_families_are_those_of_brute_force(
-    names: tuple[str, ...], name: str, snr_db: float, proposals: Proposals
+    names: tuple[str, ...],
+    name: str,
+    snr_db: float,
+    enough: float,
+    proposals: Proposals,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Against 6,000 draws of the generator of each shape, weighed by the exact likelihood."""
     models, begin, (of, vectors), exact = made(names)
@@ -69,7 +82,9 @@ def test_mean_width_and_families_are_those_of_brute_force(
     painted = images(families, of, vectors)
     expected = np.tensordot(weights, painted, axes=1)
     variance = np.tensordot(weights, (painted - expected) ** 2, axes=1).mean()
+    monkeypatch.setattr(sampler, "CORRECTED", enough)
     drawn = Sampler(models, begin, proposals).draws(frame, np.random.default_rng(2))
+    assert (len(drawn.weights) > CHECKED) == (enough > 1)
     own = images(families, drawn.families, drawn.vectors)
     mean = np.tensordot(drawn.weights, own, axes=1)
     assert np.mean((mean - expected) ** 2) < 0.05 * variance
@@ -78,7 +93,20 @@ def test_mean_width_and_families_are_those_of_brute_force(
     likely = np.bincount(drawn.families, drawn.weights, minlength=len(families))
     expected = np.bincount(of, weights, minlength=len(families))
     np.testing.assert_allclose(likely, expected, atol=0.12)
-    assert drawn.effective > 0.5
+    assert drawn.effective > max(0.5, enough)
+
+
+@pytest.mark.slow
+def test_where_exact_weights_leave_too_few_the_draws_are_all_particles(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    models, begin, *_ = made()
+    frame = models.frame(ForwardModel(SENSOR).voltages(np.full((32, 32), 0.9)), SNR_DB)
+    monkeypatch.setattr(sampler, "CORRECTED", sampler.BATCHES)
+    drawn = Sampler(models, begin, "walk").draws(frame, np.random.default_rng(4))
+    assert 0 < drawn.effective < sampler.BATCHES
+    assert len(drawn.weights) > CHECKED
+    assert len(np.unique(drawn.weights)) <= len(NAMES)  # as likely as their family
 
 
 @pytest.mark.slow
