@@ -51,7 +51,7 @@ _log = logging.getLogger(__name__)
 
 P_WORSE = 0.02
 """A trial is given up where Wilcoxon's signed-rank test of its frames against those of the best
-trial has a smaller p-value. Of the 6 frames of a first third that takes all 6 (p = 1/64)."""
+trial has a smaller p-value."""
 JOURNALS = "journals"
 
 
