@@ -46,13 +46,11 @@ class Health:
         frames: whole frames.
         dropped: frames that its running numbers show to be missing.
         damaged: frames with a wrong checksum, or cut short.
-        skipped_bytes: bytes that belong to no frame.
     """
 
     frames: int = 0
     dropped: int = 0
     damaged: int = 0
-    skipped_bytes: int = 0
 
 
 class Board(ABC):

@@ -1,6 +1,7 @@
 """Stored runs: their manifest, tables and arrays, checked as they are read."""
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.folder import MOST_ENTRIES, read_json_file
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RUN_KINDS, RunKind
+from eitbench.benchmark.rundir.plan import plugin_copy
 from eitbench.benchmark.rundir.run_arrays import (
     Scene,
     kept_open,
@@ -397,16 +399,23 @@ def describe_actions(text: object) -> str:
     return " and ".join(told)
 
 
-def plugin_file(plugin: Mapping[str, Any]) -> str:
-    """Return the path of a plugin's copy in its run directory."""
-    return f"plugins/{plugin['sha256'][:16]}.py"
+def plugin_copies(run: Run) -> list[str]:
+    """Return the copies of plugins that a run directory holds, seen from there."""
+    sums = [str(plugin["sha256"]) for plugin in run.manifest["plan"]["plugins"]]
+    # What a manifest names may lie elsewhere, and so may what a link leads to.
+    copies = [plugin_copy(each) for each in sums if re.fullmatch("[0-9a-f]{64}", each)]
+    return [
+        copy
+        for copy in copies
+        if (run.path / copy).is_file() and not (run.path / copy).is_symlink()
+    ]
 
 
 def code_of(run: Run, name: str) -> str:
     """Return where the code of a method or operator is: in the run directory, or in eitbench."""
     for plugin in run.manifest["plan"]["plugins"]:
         if name in plugin["names"]:
-            return f"{plugin_file(plugin)} in the run {run.path.name}"
+            return f"{plugin_copy(plugin['sha256'])} in the run {run.path.name}"
     module: str | None = None
     # A name of one registry is in no other.
     for registry in (

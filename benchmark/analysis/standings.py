@@ -199,7 +199,7 @@ def track_gaps(
 
     names, values = list(cells), once(figures, len(main))
     found = {f"{track}_figure": value for track, value in zip(cells, values, strict=True)}
-    clusters = next(iter(cells.values()))["cluster"] if "cluster" in main else pd.Series(dtype=str)
+    clusters = in_order(main)["cluster"]
     many = clusters.nunique() >= MIN_CLUSTERS
     drawn = draw(figures, clusters) if many else None
     for gap, (better, worse) in _GAPS.items():

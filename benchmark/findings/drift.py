@@ -56,9 +56,9 @@ def over_time(run: Run) -> pd.DataFrame:
     recorded = {s["name"] for s in _declared(run) if s.get("kind") == "recorded"}
     rows = []
     for (scenario, method), cell in cells_of(run.samples).items():
-        error = numbers(cell, "localisation_mm") if "localisation_mm" in cell else np.empty(0)
+        error = numbers(cell, "localisation_mm")
         single = "contacts" not in cell or cell["contacts"].isna().all()
-        known = "expected_x_m" in cell and cell["expected_x_m"].notna().any()
+        known = cell["expected_x_m"].notna().any()
         if scenario not in recorded or not single or not known:
             continue
         if len(error) < PARTS * MIN_CLUSTERS or np.isnan(error).any():

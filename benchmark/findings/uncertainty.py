@@ -130,7 +130,7 @@ def _ranked(track: list[Stated], tables: Mapping[str, pd.DataFrame]) -> list[Sta
 def _ties(whole: list[Stated], tables: Mapping[str, pd.DataFrame]) -> list[str]:
     """The letters of methods on the same frames, the best first."""
     cells, spec = [tables[one.method] for one in whole], UNCERTAINTY["crps"]
-    clusters = cells[0]["cluster"].nunique() if cells and "cluster" in cells[0] else 0
+    clusters = cells[0]["cluster"].nunique() if cells else 0
     if clusters < MIN_CLUSTERS:
         return [""] * len(cells)
 
@@ -155,8 +155,7 @@ def _figures(rows: pd.DataFrame, names: list[str]) -> dict[str, Interval]:
     for name, known_of in zip(names, there.T, strict=True):
         of_frames.setdefault(known_of.tobytes(), []).append(name)
     for frames, together in of_frames.items():
-        columns = [name for name in (*together, "cluster") if name in rows]
-        known = rows.loc[np.frombuffer(frames, dtype=bool), columns]
+        known = rows.loc[np.frombuffer(frames, dtype=bool), [*together, "cluster"]]
         if len(known):
             figures |= _together(known, together)
     return figures
@@ -171,7 +170,7 @@ def _together(known: pd.DataFrame, names: list[str]) -> dict[str, Interval]:
         return aggregate(known, specs, counts)
 
     whole, ends = once(statistic, len(known)), np.full((2, len(names)), np.nan)
-    clusters = known["cluster"].nunique() if "cluster" in known else 0
+    clusters = known["cluster"].nunique()
     if clusters >= MIN_CLUSTERS:
         drawn = intervals(whole, draw(statistic, known["cluster"]), clusters)
         ends = np.where(np.isfinite(table).all(axis=0), drawn, np.nan)

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from eitbench.benchmark.metrics.aggregation import aggregate
-from eitbench.benchmark.metrics.statistics import once
+from eitbench.benchmark.metrics.aggregation import figure_of
 from eitbench.benchmark.run.cell_task import CellData, CellPlan
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.manifest import Manifest
@@ -90,7 +89,7 @@ def _goodness(rows: pd.DataFrame) -> float:
     """Return the figure that ranks, larger better."""
     for name in METHOD_RUNS.ranked_by:
         spec = METHOD_RUNS.metrics[name]
-        value = float(once(lambda counts: aggregate(rows, [spec], counts), len(rows))[0])  # noqa: B023
+        value = figure_of(rows, spec)
         if np.isfinite(value):
             return spec.sign * value
     return -np.inf

@@ -166,7 +166,7 @@ class _Added(_Part):
     """A run that a record took later cells from."""
 
     cells: list[_Line]
-    same_bits: bool = True
+    same_bits: bool
     machine: dict[str, _Line | int | float | None]
     versions: dict[str, _Line | None]
     git_commit: _Line | None

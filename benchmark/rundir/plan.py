@@ -38,6 +38,11 @@ class _Declared(BaseModel):
     model_config = ConfigDict(frozen=True)
 
 
+def plugin_copy(sha256: str) -> str:
+    """The place of the copy of a plugin in a run directory."""
+    return f"plugins/{sha256[:16]}.py"
+
+
 class PluginFile(_Declared):
     """A file with more methods or operators, the SHA-256 of its content, and their names.
 
@@ -53,7 +58,7 @@ class PluginFile(_Declared):
     @property
     def kept(self) -> Path:
         """The place of its copy in a run directory."""
-        return Path("plugins", f"{self.sha256[:16]}.py")
+        return Path(plugin_copy(self.sha256))
 
 
 class Plan(_Declared):

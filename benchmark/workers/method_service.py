@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from eitbench.benchmark.workers.messages import MAX_ARRAYS, Reply
 from eitbench.benchmark.workers.worker import seed_everything, timed_answer
 from eitbench.methods.method import DRAWS, Method
 from eitbench.methods.problem import Problem, Splits
-from eitbench.methods.registry import create, load_plugin, register
+from eitbench.methods.registry import METHOD_REGISTRY, Registry, create, load_plugin
 from eitbench.scenarios.data.datasets import Dataset, load, same_reference
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.guard import close_test_split
@@ -31,7 +31,27 @@ BATCH = 32
 
 
 class FrameService:
-    """Times the frames of a request one by one, whatever the method that answers."""
+    """Loads the file of a method of any kind, and times the frames of a request one by one.
+
+    Attributes:
+        registry: of the methods of this kind.
+        method: its name.
+        plugin: the file that registers it; None for one of the product.
+        definition: gives the class of a method that this process defined, as a notebook does.
+    """
+
+    registry: ClassVar[Registry[Any]]
+    method: str
+    plugin: Path | None
+    definition: Callable[[], type[Any]] | None
+
+    def load_plugin(self) -> None:
+        """Run the file that the method is registered in; from here on the test split is closed."""
+        close_test_split()
+        if self.plugin is not None:
+            load_plugin(self.plugin)
+        if self.definition is not None:
+            self.registry.register(self.method)(self.definition())
 
     def times(self, most: int, seconds: float, request: str, *inputs: Frames) -> Reply:
         """Return the times [s] of a `request` with single rows of its `inputs` (n, ...), in turn.
@@ -64,6 +84,8 @@ class MethodService(FrameService):
         definition: gives the class of a method that this process defined, as a notebook does.
     """
 
+    registry: ClassVar = METHOD_REGISTRY
+
     sensor: Sensor
     reference: Frames
     splits: Splits
@@ -82,14 +104,6 @@ class MethodService(FrameService):
     def _draws_fit(self) -> bool:
         """True if the draws of a batch go into one message."""
         return 4 * BATCH * (DRAWS + 1) * math.prod(self.sensor.image_shape) <= MAX_ARRAYS
-
-    def load_plugin(self) -> None:
-        """Run the file that the method is registered in; from here on the test split is closed."""
-        close_test_split()
-        if self.plugin is not None:
-            load_plugin(self.plugin)
-        if self.definition is not None:
-            register(self.method)(self.definition())
 
     def set_up(self) -> Reply:
         """Fit the method; the reply holds its `parameters`, and attributes for the cell."""

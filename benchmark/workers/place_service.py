@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from eitbench.benchmark.workers.messages import Reply
 from eitbench.benchmark.workers.method_service import Frames, FrameService, known_parameters
@@ -13,14 +13,10 @@ from eitbench.benchmark.workers.worker import timed_answer
 from eitbench.methods.place_method import PlaceMethod, PlaceProblem
 from eitbench.methods.places.by_image import create_place_method
 from eitbench.methods.problem import Splits
-from eitbench.methods.registry import (
-    load_plugin,
-    register_place_method,
-)
+from eitbench.methods.registry import PLACE_REGISTRY
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.data.transfer import Learnable
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.guard import close_test_split
 from eitbench.scenarios.suites.scenario import TransferScenario
 from eitbench.scenarios.suites.suite import learned_from
 
@@ -35,6 +31,8 @@ class PlaceService(FrameService):
         plugin, definition: as for `MethodService`.
     """
 
+    registry: ClassVar = PLACE_REGISTRY
+
     given: Learnable
     method: str
     parameters: Mapping[str, Any]
@@ -48,14 +46,6 @@ class PlaceService(FrameService):
         """The problem of the method."""
         return PlaceProblem(self.given, self.splits)
 
-    def load_plugin(self) -> None:
-        """Run the file that the method is registered in; from here on the test split is closed."""
-        close_test_split()
-        if self.plugin is not None:
-            load_plugin(self.plugin)
-        if self.definition is not None:
-            register_place_method(self.method)(self.definition())
-
     def set_up(self) -> Reply:
         """Fit the method; the reply holds its `parameters`, and attributes for the cell."""
         self.load_plugin()
@@ -68,7 +58,6 @@ class PlaceService(FrameService):
             "parameters": known_parameters(method) | dict(self.parameters),
             "train_s": float(method.train_s),
             "differs": method.differs,
-            "source": str(method.source).splitlines(),  # a message shortens each text
         }
         return Reply(said, seconds)
 

@@ -31,20 +31,17 @@ class LineProtocol(Protocol):
             *lines, self._rest = self._rest.split(b"\n")
             for line in lines:
                 values = self._values(bytes(line[-LONGEST:]).rstrip(b"\r"))
-                if values is None:
-                    self.health.skipped_bytes += len(line) + 1
-                else:
+                if values is not None:
                     # They send no numbers; a damaged one leaves a gap in ours.
                     number = self.health.frames + self.health.damaged
                     frames.append(self._frame(number, received_s, received_s, values))
         if len(self._rest) > LONGEST:
-            self.health.skipped_bytes += len(self._rest) - LONGEST
             del self._rest[:-LONGEST]
         return [frame for frame in frames if frame is not None]
 
     @abstractmethod
     def _values(self, line: bytes) -> Array | None:
-        """The values (M,) of a whole `line`; None if it has none, which is counted."""
+        """The values (M,) of a whole `line`; None if it has none."""
 
 
 def numbers(text: bytes) -> Array:

@@ -173,7 +173,6 @@ class Scanner:
     behind the length that was claimed there.
 
     Attributes:
-        skipped: bytes so far that belong to no frame.
         false_starts: places so far that looked like the start of a frame and were none.
     """
 
@@ -181,7 +180,6 @@ class Scanner:
         self._start = start
         self._match = match
         self._buffer = bytearray()
-        self.skipped = 0
         self.false_starts = 0
 
     def feed(self, data: bytes) -> list[bytes]:
@@ -204,18 +202,17 @@ class Scanner:
             if not length:
                 at += 1
                 continue
-            self._skip(settled, at)
+            self._count_false_starts(settled, at)
             frames.append(bytes(memoryview(buffer)[at : at + length]))
             settled = at = at + length
             undecided = None
         if undecided is None:
             # A frame may begin in the last bytes without being seen yet.
             undecided = max(settled, len(buffer) - 3)
-        self._skip(settled, undecided)
+        self._count_false_starts(settled, undecided)
         del buffer[:undecided]
         return frames
 
-    def _skip(self, begin: int, end: int) -> None:
-        self.skipped += end - begin
+    def _count_false_starts(self, begin: int, end: int) -> None:
         if end > begin:
             self.false_starts += len(self._start.findall(self._buffer, begin, end))

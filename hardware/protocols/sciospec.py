@@ -147,7 +147,6 @@ class Sciospec(Protocol):
             else:
                 self.answers.append(raw == ACKNOWLEDGED)
         del self.answers[:-64]
-        self.health.skipped_bytes = self._scanner.skipped
         if len(results) == 1:
             return []
         rows = np.concatenate(results)

@@ -86,7 +86,6 @@ class Teensy(Protocol):
     def feed(self, data: bytes, received_s: float) -> list[Frame]:
         """The frames that `data` completes."""
         decoded = [self._decode(raw, received_s) for raw in self._scanner.feed(data)]
-        self.health.skipped_bytes = self._scanner.skipped
         self.health.damaged = self._scanner.false_starts + self._impossible
         return [frame for frame in decoded if frame is not None]
 

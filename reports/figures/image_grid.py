@@ -140,7 +140,7 @@ def comparison(
         ]
         columns.append((printable(method), tiles))
     columns, without = _with_images(columns, always=scene.truth is None)
-    limits = _limits(scene, shift, [tile.image for _, tiles in columns for tile in tiles])
+    limits = _limits(scene, [tile.image for _, tiles in columns for tile in tiles])
     if scene.truth is not None:
         scale = limits[1] if scene.has_classes else 1.0
         heading = "truth (classes)" if scene.has_classes else "truth"
@@ -272,7 +272,7 @@ def _true_tile(scene: Scene, sample: int, scale: float) -> Tile:
     return Tile(np.where(nearest_pixels(scene.mask, image.shape), image, np.nan), ())
 
 
-def _limits(scene: Scene, shift: float, images: Sequence[Images | None]) -> tuple[float, float]:
+def _limits(scene: Scene, images: Sequence[Images | None]) -> tuple[float, float]:
     """Return the ends of the colour scale that all images of a scenario share."""
     if scene.truth is not None and not scene.has_classes:
         values = scene.truth[:, scene.mask]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -21,7 +20,7 @@ from markupsafe import Markup
 
 from eitbench import __version__
 from eitbench.benchmark import atomic_write, end_with_parent, writing
-from eitbench.benchmark.analysis.results import Run, plugin_file, read_run
+from eitbench.benchmark.analysis.results import Run, plugin_copies, read_run
 from eitbench.benchmark.metrics.specs import ANCHORS
 from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_MAP, STYLE, to_png
 from eitbench.reports.findings.collect import findings
@@ -46,7 +45,6 @@ PAGE = "index.html"
 MANY_SAMPLES = 20_000
 """Rows of samples of which the report is made by two processes: to start them takes seconds."""
 _MAP_STEPS = 256
-_DIGEST = re.compile("[0-9a-f]{64}")
 
 
 def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]]:
@@ -59,9 +57,10 @@ def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]
         InputError, DataCorruptError: as for `read_run` and `report_of`.
         EitbenchError: the files cannot be written.
     """
-    report, found, files = _both_parts([read_run(run) for run in runs], out)
+    read = [read_run(run) for run in runs]
+    report, found, files = _both_parts(read, out)
     with writing(f"the report into {out}"):
-        page = to_page(report, _code_links(report, runs, out), found)
+        page = to_page(report, _code_links(read, out), found)
         atomic_write(out / PAGE, page.encode())
     return [out / PAGE, *files], report["missing"]
 
@@ -106,16 +105,15 @@ def _written_findings(runs: Sequence[Run], out: Path) -> tuple[list[Finding], li
     return found, files
 
 
-def _code_links(report: ReportData, runs: Sequence[Path], out: Path) -> dict[str, str]:
+def _code_links(runs: Sequence[Run], out: Path) -> dict[str, str]:
     """Return addresses of the plugins' copies in run directories, seen from `out`, by `code`."""
-    links = {}
-    for path, run in zip(runs, report["runs"], strict=True):
-        for plugin in run["plan"]["plugins"]:
-            copy = path / plugin_file(plugin)
-            if _DIGEST.fullmatch(plugin["sha256"]) and copy.is_file() and not copy.is_symlink():
-                address = Path(os.path.relpath(copy, out)).as_posix()
-                links[f"{plugin_file(plugin)} in the run {path.name}"] = quote(address)
-    return links
+    return {
+        f"{copy} in the run {run.path.name}": quote(
+            Path(os.path.relpath(run.path / copy, out)).as_posix()
+        )
+        for run in runs
+        for copy in plugin_copies(run)
+    }
 
 
 def to_page(
@@ -137,7 +135,6 @@ def to_page(
         "fast_ms": FAST_MS,
         "most_single": MOST_SINGLE,
         "methods": [method["name"] for method in methods],
-        "score_weights": report["score_weights"],
         "maps": _colour_maps(),
         "colours": COLOURS,
     }

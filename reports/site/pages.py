@@ -9,7 +9,6 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
-from eitbench.benchmark.analysis.leaderboard import is_whole
 from eitbench.benchmark.analysis.overall import MIN_SCENARIOS
 from eitbench.benchmark.analysis.results import failures
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
@@ -18,7 +17,7 @@ from eitbench.benchmark.submissions.tiers import is_ranked, tier
 from eitbench.reports.page.answer import MOST_ANSWERS, answer, summary, tied_with_first
 from eitbench.reports.page.report_data import counted_data
 from eitbench.reports.site.edition import Edition, SuitePart, method_file, name_of
-from eitbench.reports.tables.boards import lacking
+from eitbench.reports.tables.boards import PrintedBoard, lacking
 from eitbench.reports.tables.columns import Column, layout, printable
 from eitbench.reports.tables.gaps import HEADS, gap_texts, gaps_note, run_tier, tier_text
 
@@ -280,8 +279,9 @@ def board_table(board: BoardData, suite: SuitePart) -> Table:
         for of in board["columns"]
         if (column := Column(**of)).name in shown.paper and column.name not in ("run", "n")
     ]
+    printed = PrintedBoard(board["name"], board["name"], rows)
     table: list[list[Text | Cell]] = [
-        [_cell(column, row, rows) for column in columns] for row in rows
+        [_cell(column, row, printed) for column in columns] for row in rows
     ]
     about = [f"{board['n']:,} samples"]
     if board["sensor"]:
@@ -304,17 +304,14 @@ def board_table(board: BoardData, suite: SuitePart) -> Table:
     )
 
 
-def _cell(column: Column, row: Row, rows: Sequence[Row]) -> Cell:
+def _cell(column: Column, row: Row, board: PrintedBoard) -> Cell:
     if column.name in ("method", "operator"):
         return Cell(link(row["label"], method_file(name_of(row)), "../"))
     text: Text = column.text(row)
     if ends := column.ends(row):
         text = Markup("{}<small> {}</small>").format(text, ends)
-    whole = [other for other in rows if is_whole(other)]
-    values = [other[column.name] for other in whole if other[column.name] is not None]
-    best = column.best and values and row in whole and row[column.name] is not None
-    first = best and row[column.name] == (max(values) if column.best == "max" else min(values))
-    return Cell(text, ("number" if column.form else "") + (" best" if first else ""))
+    best = " best" if board.is_best(column, row) else ""
+    return Cell(text, ("number" if column.form else "") + best)
 
 
 def _with_ends(row: Row, name: str, form: str) -> str:

@@ -8,7 +8,6 @@ elsewhere.
 from __future__ import annotations
 
 import json
-import re
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from eitbench import __version__
 from eitbench.benchmark import InputError, atomic_write, writing
 from eitbench.benchmark.analysis.catalogue import about_method, about_recording, packaged_suites
-from eitbench.benchmark.analysis.results import NOTES_FILE, Run, plugin_file
+from eitbench.benchmark.analysis.results import NOTES_FILE, Run, plugin_copies
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.benchmark.rundir.kinds import RUN_KINDS
@@ -412,9 +411,4 @@ def _kept(run: Run) -> dict[str, str]:
     """The files of a run that the site holds, with their names there."""
     names = (manifest.FILE_NAME, SAMPLES, *(kind.table for kind in RUN_KINDS.values()), NOTES_FILE)
     kept = {name: name for name in names if (run.path / name).is_file()}
-    for plugin in run.manifest["plan"]["plugins"]:
-        code = plugin_file(plugin)
-        # What a manifest names may lie elsewhere.
-        if (run.path / code).is_file() and re.fullmatch("[0-9a-f]{64}", plugin["sha256"]):
-            kept[code] = f"{Path(code).name}.txt"
-    return kept
+    return kept | {copy: f"{Path(copy).name}.txt" for copy in plugin_copies(run)}

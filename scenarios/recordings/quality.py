@@ -21,6 +21,7 @@ from eitbench.scenarios.recordings.files.own import (
     frames_of_touches,
     half_placed,
     has_own_references,
+    has_reference,
     impossible_label,
     off_sensor,
     outside,
@@ -252,7 +253,7 @@ def _agreement(
         problem := differences_problem(content.values[:_LOOKED_AT], sensor)
     ):
         problems.append(problem)
-    marked = content.differences or len(content.reference) or has_own_references(content).all()
+    marked = has_reference(content)
     if not problems and len(content.labels) and marked and not impossible_label(content):
         labels = content.labels.sort_values("first", kind="stable")
         first_ones = labels["first"].drop_duplicates()[:_LOOKED_AT]

@@ -166,14 +166,6 @@ class SimulatedScenario(Declaration):
         return self
 
     @property
-    def title(self) -> str:
-        """One line for listings."""
-        noise = f"{self.noise.test:g} dB" if isinstance(self.noise.test, float) else self.noise.test
-        names = [family.name for family in self.split_families("test")]
-        touches = "lattice of touches" if self.acuity is not None else ", ".join(names)
-        return f"{self.sensor}, {noise}, {self.imperfections.mesh} mesh: {touches}"
-
-    @property
     def nominal_sensor(self) -> Sensor:
         """The sensor that methods know."""
         return _nominal_sensor(self.sensor, self.image_shape, self.conductivity_range)
@@ -313,11 +305,6 @@ class RecordedScenario(Declaration):
         return _recording(value, info)
 
     @property
-    def title(self) -> str:
-        """One line for listings."""
-        return self.recorded_set.title
-
-    @property
     def recorded_set(self) -> RecordedSet:
         """The set's descriptor."""
         return recorded_set(self.recording)
@@ -377,11 +364,6 @@ class TransferScenario(Declaration):
         if info.data.get("recording") in others:
             raise ValueError("the skin that is tested cannot be one of the others")
         return others
-
-    @property
-    def title(self) -> str:
-        """One line for listings."""
-        return f"{self.recorded.title}; {self.labelled} labelled presses"
 
     @property
     def recorded(self) -> RecordedScenario:

@@ -8,7 +8,7 @@ import numpy as np
 from eitbench.hardware.recording.importing.sources import is_own, read_arrays
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings.files.own import frames_of_touches, has_own_references
+from eitbench.scenarios.recordings.files.own import frames_of_touches, has_reference
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.wiring.touches import Touches, touches_of
 
@@ -58,5 +58,5 @@ def labelled_touches(path: Path) -> Touches | None:
     if path.suffix.lower() != ".h5" or not is_own(path):
         return None
     content, _ = read_file(path)
-    marked = content.differences or len(content.reference) or has_own_references(content).all()
+    marked = has_reference(content)
     return touches_of(frames_of_touches(content)) if len(content.labels) and marked else None

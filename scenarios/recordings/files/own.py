@@ -104,7 +104,7 @@ def undamaged(path: Path) -> tuple[Content, Condition]:
 def _usable(path: Path) -> Content:
     """The content of the file at `path`, if methods can be evaluated on it."""
     content, _ = undamaged(path)
-    untouched = content.differences or len(content.reference) or has_own_references(content).all()
+    untouched = has_reference(content)
     for name, marked, option in (
         ("labels", len(content.labels), "--labels SHEET"),
         ("reference frames", untouched, "--reference first:N"),
@@ -177,6 +177,12 @@ def outside(content: Content) -> bool:
     rows = np.concatenate([first, last, before, until, content.reference])
     reversed_rows = (last < first).any() or (until < before).any()
     return bool((rows < 0).any() or (rows >= len(content)).any() or reversed_rows)
+
+
+def has_reference(content: Content) -> bool:
+    """True if it is known of each touch what it changes."""
+    common = content.differences or len(content.reference) > 0
+    return common or bool(has_own_references(content).all())
 
 
 def has_own_references(content: Content) -> NDArray[np.bool_]:

@@ -103,8 +103,6 @@ def design(
     if as_json:
         print_json(about)
         return
-    from rich.markup import escape
-
     from eitbench.commands.tables import names_table
 
     heads, *texts = design_rows(table)
@@ -112,9 +110,7 @@ def design(
         f"{nominal.name}: a touch of radius {1e3 * touch.radius:.3g} mm and contrast {contrast:g}, "
         f"frames of {snr:g} dB, drift {drift:g} %; medians over the sensor"
     )
-    print_renderable(
-        names_table([dict(zip(map(escape, heads), row, strict=True)) for row in texts])
-    )
+    print_renderable(names_table([dict(zip(heads, row, strict=True)) for row in texts]))
     typer.echo(answer)
     if out is not None:
         from eitbench.reports.figures.design import drawn_designs

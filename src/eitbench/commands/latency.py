@@ -74,8 +74,6 @@ def latency(
     if as_json:
         print_json(about)
         return
-    from rich.markup import escape
-
     from eitbench.commands.tables import names_table
 
     heads, *texts = latency_rows(table)
@@ -85,9 +83,7 @@ def latency(
         f"{reference_age:g} s old; medians (95th percentiles); images on {about['processor']}, one "
         "thread"
     )
-    print_renderable(
-        names_table([dict(zip(map(escape, heads), row, strict=True)) for row in texts])
-    )
+    print_renderable(names_table([dict(zip(heads, row, strict=True)) for row in texts]))
     if out is not None:
         typer.echo(f"Tables and figure: {out}")
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eitbench.commands.console import Json, print_check, print_json
-from eitbench.commands.runs import plan_of
+from eitbench.commands.runs import asked_plan
 
 if TYPE_CHECKING:
     from eitbench.benchmark.tuning.selection import Selection
@@ -49,7 +49,7 @@ def tune(
     from eitbench.benchmark.tuning.selection import TuningBudget, at_edge, user_selections
     from eitbench.benchmark.tuning.tuner import tune as choose_all
 
-    plan = plan_of(suite, methods, scenarios, None, plugin)
+    plan = asked_plan(suite, methods, scenarios, None, plugin)
     folder = out or user_selections()
     chosen = choose_all(plan, folder, budget=TuningBudget(trials, seconds), once=once, jobs=jobs)
     tuned: set[str] = set()
@@ -258,8 +258,6 @@ def superposition(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the record goes.")],
 ) -> None:
     """Measure how far real pairs of touches are the sum of single ones, and where they are."""
-    import json
-
     from eitbench.benchmark.studies.superposition import record
     from eitbench.reports.studies.superposition import explained_table
     from eitbench.scenarios.storage.atomic_write import atomic_write

@@ -132,7 +132,7 @@ def run(
     elif suite is not None:
         if isolate:
             check_isolation()  # before a plugin is loaded
-        plan = plan_of(
+        plan = asked_plan(
             suite,
             methods,
             scenarios,
@@ -159,7 +159,7 @@ def run(
         raise typer.Exit(1)
 
 
-def plan_of(
+def asked_plan(
     suite: str,
     methods: str | None,
     scenarios: str | None,

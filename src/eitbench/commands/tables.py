@@ -18,6 +18,7 @@ _STYLES = {"better": "green", "worse": "bold red"}
 
 def names_table(rows: Sequence[Mapping[str, str | int | None]]) -> "Table":
     """Table of `rows`: the name stands first and is never cut, the rest is folded."""
+    from rich.markup import escape
     from rich.table import Table
     from rich.text import Text
 
@@ -27,7 +28,7 @@ def names_table(rows: Sequence[Mapping[str, str | int | None]]) -> "Table":
     for k, column in enumerate(shown[0] if shown else ()):
         first = k == 0
         table.add_column(
-            column, overflow="fold", no_wrap=first, min_width=longest if first else None
+            escape(column), overflow="fold", no_wrap=first, min_width=longest if first else None
         )
     for row in shown:
         table.add_row(*(Text("" if value is None else str(value)) for value in row.values()))

@@ -48,7 +48,6 @@ def test_frames_after_random_bytes_are_recovered(name: str, seed: int, stream: M
     parser = sent.parser()
     assert parser.feed(random.Random(seed).randbytes(20_000), 0.0) == []
     assert recovers(sent, parser)
-    assert parser.health.skipped_bytes > 18_000  # text before a mark counts with its line
 
 
 def test_frames_after_what_looks_like_one_are_recovered(name: str, stream: MakeStream) -> None:

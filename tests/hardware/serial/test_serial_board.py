@@ -233,7 +233,7 @@ def fast(serve: Serve, seconds: float) -> None:
         while time.monotonic() < end:
             numbers += [frame.number for frame in board.frames(0.1)]
         health = board.health
-        assert (health.damaged, health.skipped_bytes) == (0, 0)
+        assert health.damaged == 0
         assert health.frames == len(numbers) > 0
         assert health.frames + health.dropped == numbers[-1] + 1
         assert process.memory_info().rss - before < 8 << 20
