@@ -1,6 +1,6 @@
 """The record of the doctor of wiring: recorded sets wired wrongly at random, and what it says.
 
-`python docs/studies/wiring/record.py [--count N] [SET...]` wires up to 10 frames of each set in N
+`python -m docs.studies.wiring.record [--count N] [SET...]` wires up to 10 frames of each set in N
 ways (200 by default), drawn with seed 0, and shows them to the doctor: beside the model alone,
 beside the reference frame of the set as a frame known to be right, and, where places are known, the
 reference frame and ten presses beside the model. It writes `wiring.csv`, or the rows of the sets
@@ -18,12 +18,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from docs.studies.wiring.scramble import put_right, scramble
 
 from eitbench.scenarios.recordings.fetch import fetch_recording
 from eitbench.scenarios.recordings.registry import RECORDED_SETS
 from eitbench.scenarios.wiring.diagnosis import diagnose
 from eitbench.scenarios.wiring.evidence import Completion, all_values, modelled_resistances
-from eitbench.scenarios.wiring.scramble import put_right, scramble
 from eitbench.scenarios.wiring.touches import Touches
 
 OUT = Path(__file__).resolve().parent / "wiring.csv"

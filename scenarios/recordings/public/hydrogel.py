@@ -109,20 +109,18 @@ class Cut:
         letter: in upstream's figure.
         first, after: the first frame that it disturbs, and the first one after it.
         place: x, y [m] of its middle, in the robot's coordinates, to about 5 mm.
-        length: [m], to about 3 mm.
     """
 
     letter: str
     first: int
     after: int
     place: tuple[float, float]
-    length: float
 
 
 CUTS = (
-    Cut("B", 491, 495, (0.037, 0.031), 0.009),
-    Cut("C", 503, 505, (-0.057, -0.008), 0.016),
-    Cut("D", 663, 665, (-0.004, -0.002), 0.040),
+    Cut("B", 491, 495, (0.037, 0.031)),
+    Cut("C", 503, 505, (-0.057, -0.008)),
+    Cut("D", 663, 665, (-0.004, -0.002)),
 )
 """The cuts in the order of time; upstream's A is a time without any."""
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from docs.studies.wiring.scramble import put_right, scramble
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -23,7 +24,6 @@ from eitbench.scenarios.wiring.evidence import (
 )
 from eitbench.scenarios.wiring.hypotheses import Wiring, meaning, numbers_of, orders
 from eitbench.scenarios.wiring.report import corrected, findings
-from eitbench.scenarios.wiring.scramble import put_right, scramble
 
 
 def _sensor(*, uneven: bool) -> Sensor:
