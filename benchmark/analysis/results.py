@@ -21,7 +21,7 @@ from eitbench.benchmark.metrics.specs import METRIC_COLUMNS
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.folder import MOST_ENTRIES, read_json_file
-from eitbench.benchmark.rundir.kinds import METHOD_RUNS, RUN_KINDS, RunKind
+from eitbench.benchmark.rundir.kinds import CONDITIONS, METHOD_RUNS, RUN_KINDS, RunKind
 from eitbench.benchmark.rundir.plan import plugin_copy
 from eitbench.benchmark.rundir.run_arrays import (
     Scene,
@@ -76,7 +76,7 @@ NUMBERS = (
     *("sample", *SNR_COLUMNS, "contacts", "cc_undefined", "overlap"),
     *("probe_distance_mm", "time_s", "cuts"),
     *(name for place in PLACES for name in place),
-    *("calibration_ms", "calibration_spread", "load", "cpu_mhz"),
+    *CONDITIONS,
     *METRIC_COLUMNS,
     *UNCERTAINTY,
     *SCORES,

@@ -23,6 +23,7 @@ from eitbench.benchmark.run.progress import Advance
 from eitbench.benchmark.run.timing import Conditions
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.cells import Batch, Values
+from eitbench.benchmark.rundir.kinds import CONDITIONS
 from eitbench.benchmark.rundir.run_arrays import TRUTH
 from eitbench.benchmark.workers.audit_hook import Watch
 from eitbench.benchmark.workers.confinement import Confinement
@@ -44,7 +45,7 @@ _UNTIMED = {
     "timed": "",
     "actions": "",
     "trace": "",
-    **dict.fromkeys(("calibration_ms", "calibration_spread", "load", "cpu_mhz"), NAN),
+    **dict.fromkeys(CONDITIONS, NAN),
 }
 
 

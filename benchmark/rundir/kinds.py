@@ -9,6 +9,8 @@ from eitbench.benchmark.metrics.specs import METRICS
 
 PINNED, SHARED = "pinned", "shared"
 """How a cell was timed: on a core of its own, or beside other cells; column `timed`."""
+CONDITIONS = ("calibration_ms", "calibration_spread", "load", "cpu_mhz")
+"""Columns that say under which conditions it was, see `run.timing.Conditions`."""
 
 
 @dataclass(frozen=True)

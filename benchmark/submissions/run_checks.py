@@ -24,7 +24,7 @@ from eitbench.benchmark.run.prior_knowledge import stated_overlap
 from eitbench.benchmark.run.tracks import cell_entries
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.folder import unknown_entries
-from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.kinds import CONDITIONS, METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH, names_in
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import columns_of
@@ -33,8 +33,6 @@ from eitbench.benchmark.submissions.submission import FILES, FOLDER, Submission
 from eitbench.methods.registry import METHOD_REGISTRY, usable_name
 from eitbench.scenarios.storage.files import sha256_of
 from eitbench.scenarios.suites.suite import load_suite, suites
-
-CONDITIONS = ("calibration_ms", "calibration_spread", "load", "cpu_mhz")
 
 TIMES = ("frame_ms", "uncertainty_ms", "novelty_ms")
 

@@ -136,11 +136,11 @@ def _write(out: Path, designs: Any, about: dict[str, Any]) -> None:
     from eitbench.reports.figures.design import design_figure
     from eitbench.reports.figures.style import STYLE, save
     from eitbench.reports.tables.design import design_table, places_table
+    from eitbench.reports.tables.formats import csv_text
     from eitbench.scenarios.storage.atomic_write import atomic_write
 
     for name, table in (("designs", design_table(designs)), ("places", places_table(designs))):
-        text = table.to_csv(index=False, float_format="%.5g", lineterminator="\n")
-        atomic_write(out / f"{name}.csv", text.encode())
+        atomic_write(out / f"{name}.csv", csv_text(table, "%.5g").encode())
     atomic_write(
         out / "design.json", (json.dumps(about, indent=1, allow_nan=False) + "\n").encode()
     )
