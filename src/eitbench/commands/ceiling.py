@@ -51,7 +51,7 @@ def ceiling(
     """Work out how well the touches of a suite could be known by a method that knows their law.
 
     Two samplers draw from the posterior of every frame, told the families, their ranges, the noise,
-    the mesh and the electrodes. About a minute a frame, on one core; clean frames get 70 dB.
+    the mesh and the electrodes. One to two minutes a frame, on one core; clean frames get 70 dB.
     Scenarios that they cannot be told are left out unless --scenarios names them.
     """
     from eitbench.benchmark.ceiling.drawing import draw_posteriors, known_of
