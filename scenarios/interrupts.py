@@ -45,12 +45,18 @@ def termination_interrupts() -> Iterator[None]:
             signal.signal(number, before[number])
 
 
-def end_with_parent() -> None:
-    """End this process, a worker of joblib, once the one that started it has gone.
+def end_with_parent(pid: int) -> None:
+    """End this process, a worker of joblib, once `pid`, which started it, has gone.
 
-    Killed, that one cannot end its workers, which then wait for ever for each other.
+    Killed, that one cannot end its workers, which then wait for ever for each other. It may have
+    gone before this is called.
     """
-    parent = psutil.Process(os.getppid())
+    try:
+        parent = psutil.Process(pid)
+    except psutil.NoSuchProcess:
+        os._exit(1)
+    if os.getppid() != pid:
+        os._exit(1)
 
     def watch() -> None:
         parent.wait()

@@ -8,6 +8,7 @@ stopped goes on, and one with more samples adds to one with fewer.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -169,7 +170,11 @@ def draw_posteriors(
         (*unit, session) for (_, session), unit in sorted(units.items(), key=lambda of: of[0][1])
     ]
     pool = joblib.Parallel(
-        n_jobs=jobs, return_as="generator_unordered", batch_size=1, initializer=end_with_parent
+        n_jobs=jobs,
+        return_as="generator_unordered",
+        batch_size=1,
+        initializer=end_with_parent,
+        initargs=(os.getpid(),),
     )
     steps = pool(joblib.delayed(_draw)(*task) for task in tasks)
     for _ in with_bar(steps, "Drawing posteriors", len(tasks), show=progress):

@@ -78,7 +78,9 @@ def _both_parts(runs: Sequence[Run], out: Path) -> tuple[ReportData, list[Findin
     with warnings.catch_warnings():
         # Of an error here, joblib would say that the other process was not waited for.
         warnings.filterwarnings("ignore", "[0-9]+ tasks which were still being processed")
-        pool = joblib.Parallel(2, return_as="generator", initializer=end_with_parent)
+        pool = joblib.Parallel(
+            2, return_as="generator", initializer=end_with_parent, initargs=(os.getpid(),)
+        )
         beside = pool([joblib.delayed(_written_findings)(runs, out)])
         try:
             report, files = _written_report(runs, out)

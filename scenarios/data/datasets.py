@@ -1,6 +1,7 @@
 """Data sets: the samples of a scenario's split, ready for methods and metrics."""
 
 import hashlib
+import os
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -178,6 +179,7 @@ def _calibrated(data: Dataset, jobs: int, progress: bool) -> Dataset:
         return_as="generator",
         batch_size=1,
         initializer=end_with_parent,
+        initargs=(os.getpid(),),
     )
     steps = pool(
         joblib.delayed(_corrected)(data.sensor, data.voltages[rows], data.references[rows.start])

@@ -7,6 +7,7 @@ noise are not stored: they are drawn again from their keys.
 
 import json
 import logging
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -109,7 +110,9 @@ def nominal_samples(
     check_open("train")
     sensor = scenario.nominal_sensor
     parts = [samples[first : first + CHUNK] for first in range(0, len(samples), CHUNK)]
-    pool = joblib.Parallel(n_jobs=jobs, return_as="generator", initializer=end_with_parent)
+    pool = joblib.Parallel(
+        n_jobs=jobs, return_as="generator", initializer=end_with_parent, initargs=(os.getpid(),)
+    )
     images = np.empty((len(samples), *sensor.image_shape), dtype=np.float32)
     voltages = np.empty((len(samples), sensor.n_measurements))
     first = 0
@@ -219,6 +222,7 @@ def _simulated(
         return_as="generator_unordered",
         batch_size=1,
         initializer=end_with_parent,
+        initargs=(os.getpid(),),
     )
     yield from pool(joblib.delayed(_simulate)(scenario, split, chunk) for chunk in chunks)
 

@@ -61,6 +61,18 @@ def test_outside_the_main_thread_nothing_changes() -> None:
     assert found == [before]
 
 
+def test_a_worker_whose_parent_has_gone_before_ends_at_once() -> None:
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    code = "import sys; from eitbench.scenarios.interrupts import end_with_parent; " + (
+        "end_with_parent(int(sys.argv[1])); print('works')"
+    )
+    for pid, says in ((os.getpid(), "works\n"), (os.getppid(), ""), (gone.pid, "")):
+        worker = [sys.executable, "-c", code, str(pid)]
+        ended = subprocess.run(worker, capture_output=True, text=True, check=False)
+        assert (ended.stdout, ended.returncode) == (says, int(not says)), ended.stderr
+
+
 TINY = Path(__file__).parents[1] / "benchmark" / "data" / "tiny.toml"
 SIMULATES = """
 import sys
