@@ -62,8 +62,7 @@ def findings(run: Run) -> list[Finding]:
     wide = draw(found) if panels else None
     shows = ", then ".join(_SHOWS[kind] for kind in panels)
     if len(panels) > 1:
-        several = len({one.scenario for one in found}) > 1
-        shows = f"From {'above' if several else 'the left'}: {shows}"
+        shows = f"From the left: {shows}"
     legend = f"{_LEGEND} {_HOW}" if panels else _LEGEND
     return [Finding("uncertainty", "Uncertainty", to_table(found), grid, legend, wide, shows)]
 
@@ -133,7 +132,7 @@ def _panels(found: list[Stated]) -> list[str]:
 def draw(found: list[Stated]) -> Figure:
     """Reliability of pixels, sparsification and reliability of places.
 
-    Scenarios have a column each; the panels of a single one stand side by side.
+    Scenarios have a row each; where there is one kind of panel alone, they stand side by side.
     """
     scenarios = list(dict.fromkeys(one.scenario for one in found))
     if len(scenarios) > _MOST:
@@ -143,26 +142,25 @@ def draw(found: list[Stated]) -> Figure:
     methods = dict.fromkeys(one.method for one in found if one.method != CEILING)
     styles = {name: line_style(k) for k, name in enumerate(methods)}
     styles[CEILING] = {"marker": "D", "color": "black", "ls": "-"}
-    panels, several = _panels(found), len(scenarios) > 1
-    rows, columns = (len(panels), len(scenarios)) if several else (1, len(panels))
-    figure = new_figure(PAGE, 0.5 + 1.95 * rows)
-    grid = figure.subplots(rows, columns, sharey="row" if several else "none", squeeze=False)
-    grid = grid if several else grid.T
-    for column, scenario in enumerate(scenarios):
+    panels = _panels(found)
+    shape = (len(scenarios), len(panels)) if len(panels) > 1 else (1, len(scenarios))
+    figure = new_figure(PAGE, 0.5 + 1.95 * shape[0])
+    grid = figure.subplots(*shape, squeeze=False).reshape(len(scenarios), len(panels))
+    for row, scenario in zip(grid, scenarios, strict=True):
         here = [one for one in found if one.scenario == scenario]
-        grid[0, column].set_title(plain_label(scenario), loc="left")
-        for kind, axes in zip(panels, grid[:, column], strict=True):
+        for kind, axes in zip(panels, row, strict=True):
             for one in here:
                 _draw_one(axes, kind, one, styles[one.method] | {"ms": 3, "lw": 1.2})
             axes.set_visible(bool(axes.lines))
             x, y = _AXES[kind]
-            axes.set_xlabel(x)
-            axes.set_ylabel("" if column else y)
+            axes.set(xlabel=x, ylabel=y)
             axes.grid(alpha=0.25, lw=0.5)
             if kind == "left":
                 axes.set_ylim(bottom=0)
             else:
                 axes.plot([0, 100], [0, 100], color="0.5", lw=1, ls=":", zorder=1)
+        first = next((axes for axes in row if axes.get_visible()), row[0])
+        first.set_title(plain_label(scenario), loc="left")
     handles = {
         text: handle
         for axes in grid.flat

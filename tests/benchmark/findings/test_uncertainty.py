@@ -14,13 +14,14 @@ from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.ceiling import record
 from eitbench.benchmark.findings.noise import CEILING
 from eitbench.benchmark.findings.uncertainty import read_uncertainty
+from eitbench.benchmark.metrics.statistics import Interval
 from eitbench.benchmark.metrics.uncertainty import LEVELS, UNCERTAINTY, figures_of_draws
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.methods import Problem
 from eitbench.methods.method import DRAWS
 from eitbench.methods.problem import no_split
 from eitbench.methods.registry import create
-from eitbench.reports.findings.uncertainty import findings
+from eitbench.reports.findings.uncertainty import draw, findings
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.phantoms.families import DeclaredFamily
@@ -282,10 +283,22 @@ def test_places_have_a_diagram_of_reliability(run: Run) -> None:
 
 def test_tables_and_figure_show_the_track(run: Run, tmp_path: Path) -> None:
     (finding,) = findings(run)
-    # One scenario: the panels stand side by side, and its alternative text says so.
+    # The panels of a scenario stand side by side, and the alternative text says so.
     assert finding.figure is not None
     assert len({axes.get_position().y0 for axes in finding.figure.axes}) == 1
     assert finding.shows.startswith("From the left: the share of true values")
+    # A skin, of which places alone are known, has its name above the panel that it has.
+    found = read_uncertainty(run)
+    unknown = Interval(np.nan, np.nan, np.nan)
+    skin = [
+        replace(one, scenario="skin", curves=None, figures={
+            name: figure if name.startswith("place") else unknown
+            for name, figure in one.figures.items()
+        })
+        for one in found
+    ]  # fmt: skip
+    seen = [axes for axes in draw([*found, *skin]).axes if axes.get_visible()]
+    assert [axes.get_title(loc="left") for axes in seen] == ["n", "", "", "skin"]
     assert finding.table["method"].tolist() == [one.method for one in read_uncertainty(run)]
     assert {*UNCERTAINTY} <= {*finding.table.columns}
     assert len({len(row) for row in finding.grid}) == 1
