@@ -89,6 +89,8 @@ def fit_similarity(source: ArrayLike, target: ArrayLike) -> Similarity | None:
 def _weighted_similarity(x: Array, y: Array, weights: Array) -> Similarity | None:
     w = (weights / weights.sum())[:, None]
     x_mean, y_mean = (w * x).sum(axis=0), (w * y).sum(axis=0)
+    if np.abs(x - x_mean).max() <= 1e-9 * max(np.abs(x).max(), np.abs(y - y_mean).max()):
+        return None  # always the same point, but for rounding
     u, singular, vt = np.linalg.svd((w * (y - y_mean)).T @ (x - x_mean))
     # A second singular value of zero leaves open whether to reflect.
     if singular[1] <= 1e-12 * singular[0] or singular[0] == 0:

@@ -67,7 +67,8 @@ def noise_curves(run: Run) -> NoiseCurves | None:
 
 
 def _curves(run: Run, scenarios: list[SimulatedScenario]) -> NoiseCurves:
-    known = [recorded_frames(s.name, s.data_hash("test"))["mse"] for s in scenarios]
+    hashes = [run.manifest["data"][s.name]["hash"] for s in scenarios]
+    known = [recorded_frames(s.name, of)["mse"] for s, of in zip(scenarios, hashes, strict=True)]
     cells = run.samples[run.samples["scenario"].isin([s.name for s in scenarios])]
     cells = cells[cells["psnr"].notna()]
     samples = set.intersection(
@@ -79,7 +80,7 @@ def _curves(run: Run, scenarios: list[SimulatedScenario]) -> NoiseCurves:
     kept = sorted(samples)
     cells = cells[cells["sample"].isin(kept)]
     rows: dict[str, dict[float, float]] = {}
-    for scenario, errors in zip(scenarios, known, strict=True):
+    for scenario, data_hash, errors in zip(scenarios, hashes, known, strict=True):
         noise = scenario.noise.test
         level = float("inf") if isinstance(noise, str) else noise
         of = cells[cells["scenario"] == scenario.name]
@@ -89,7 +90,8 @@ def _curves(run: Run, scenarios: list[SimulatedScenario]) -> NoiseCurves:
         if set(kept) <= set(errors.index):
             least = float(errors.reindex(kept).mean())
             rows.setdefault(CEILING, {})[level] = float(-10 * np.log10(least))
-        rows.setdefault(UNTOUCHED, {})[level] = _untouched(scenario, kept)
+        if data_hash == scenario.data_hash("test"):  # else they are hidden, or of older data
+            rows.setdefault(UNTOUCHED, {})[level] = _untouched(scenario, kept)
     table = pd.DataFrame.from_dict(rows, orient="index").sort_index(axis=1)
     return NoiseCurves(table, len(kept))
 

@@ -176,7 +176,7 @@ def _refitted(similarity: Similarity, validation: Known, contrast: Array) -> Sim
 
 def _turned(target: Array, source: Array) -> list[Similarity]:
     """Similarities that map the centre and the spread of `source` (m, 2) onto those of `target`."""
-    if len(source) < LEAST_PRESSES or not np.std(source):
+    if len(source) < LEAST_PRESSES or not np.ptp(source, axis=0).any():
         return []
     scale = float(np.sqrt(np.var(target, axis=0).sum() / np.var(source, axis=0).sum()))
     angles = np.deg2rad(np.arange(0, 360, 360 / _TURNS))

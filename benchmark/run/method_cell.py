@@ -350,7 +350,7 @@ class MethodCellTask(FrameTask):
         data = self.data
         access, training = read_report(value)
         return prior_knowledge_columns(
-            access, training, data.scenario, data.test, spent=self.plan.spent
+            access, training, data.scenario, data.familiar, data.test, spent=self.plan.spent
         )
 
     def figures(self, stored: StoredSamples) -> tuple[pd.DataFrame, dict[str, Any]]:

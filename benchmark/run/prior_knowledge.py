@@ -100,6 +100,7 @@ def prior_knowledge_columns(
     access: AccessRecord,
     training: Training | None,
     scenario: Scenario,
+    familiar: Scenario,
     test: Dataset,
     *,
     spent: Mapping[str, Any],
@@ -118,21 +119,20 @@ def prior_knowledge_columns(
         access: its record of access to the problem.
         training: that of the weights that it loads; None if it loads none.
         scenario, test: the test data.
+        familiar: the scenario whose data it was given and tuned on, see `Suite.familiar`.
         spent: cost of selecting its parameters on validation data; empty without a selection.
     """
     learned = [given.contents for given in access.samples]
-    noise = [given.split for given in access.samples if _has_test_noise(scenario, given.split)]
+    noise = [
+        given.split for given in access.samples if _has_test_noise(scenario, familiar, given.split)
+    ]
     source, shown_in_training = None, None
     if training is not None:
         source = _source(training, scenario)
-        shown_in_training = (
-            _stored_contents(training.train_data, training.train_samples)
-            if source is None
-            else training_contents(source, training.train_samples, training.train_data)
-        )
+        shown_in_training = _shown(training, source)
         if shown_in_training is not None:
             learned.append(shown_in_training)
-    if spent and _has_test_noise(validation_scenario(scenario), "validation"):
+    if spent and _has_test_noise(scenario, validation_scenario(familiar), "validation"):
         noise.append("tuning")
     shown = contents(test.phantoms, test.voltages)
     overlap = float(np.isin(shown, np.concatenate(learned)).sum()) if learned else 0.0
@@ -149,7 +149,7 @@ def prior_knowledge_columns(
         else {},
         "tuned": dict(spent),
         "noise": noise,
-        "families": _families(access, source, scenario),
+        "families": _families(access, source, scenario, familiar),
     }
     known = training is None or shown_in_training is not None
     return {
@@ -241,6 +241,13 @@ def _source(training: Training, scenario: Scenario) -> SimulatedScenario | None:
     return None
 
 
+def _shown(training: Training, source: SimulatedScenario | None) -> Contents | None:
+    """Return the contents of the training data behind weights; None if they are not known here."""
+    if source is None:
+        return _stored_contents(training.train_data, training.train_samples)
+    return training_contents(source, training.train_samples, training.train_data)
+
+
 def stated_overlap(trained_on: Mapping[str, Any], scenario: Scenario, test: Dataset) -> float:
     """Return the number of test samples among the training data that weights state.
 
@@ -257,22 +264,25 @@ def stated_overlap(trained_on: Mapping[str, Any], scenario: Scenario, test: Data
         )
     except (KeyError, TypeError, ValueError):
         return NAN
-    source = _source(training, scenario)
-    if source is None:
+    shown = _shown(training, _source(training, scenario))
+    if shown is None:
         return NAN
-    shown = training_contents(source, training.train_samples, training.train_data)
     return float(np.isin(contents(test.phantoms, test.voltages), shown).sum())
 
 
 def _families(
-    access: AccessRecord, source: SimulatedScenario | None, scenario: Scenario
+    access: AccessRecord,
+    source: SimulatedScenario | None,
+    scenario: Scenario,
+    familiar: Scenario,
 ) -> Literal["same", "other"] | None:
     """Compare the families of phantoms that a method learned from with those of the test split."""
     if not isinstance(scenario, SimulatedScenario):
         return None
     origins = [source] if source is not None else []
-    if any(given.split == "train" for given in access.samples):
-        origins.append(scenario)
+    given = any(of.split == "train" for of in access.samples)
+    if given and isinstance(familiar, SimulatedScenario):
+        origins.append(familiar)
     learned = [family for origin in origins for family in origin.split_families("train")]
     if not learned:
         return None
@@ -280,9 +290,8 @@ def _families(
     return "same" if all(any(one.covers(of) for one in learned) for of in tested) else "other"
 
 
-def _has_test_noise(scenario: Scenario, split: str) -> bool:
-    """True if data of `split` show the noise of the test split."""
-    if isinstance(scenario, SimulatedScenario):
-        noise = scenario.noise
-        return bool(getattr(noise, split) == noise.test)
+def _has_test_noise(scenario: Scenario, familiar: Scenario, split: str) -> bool:
+    """True if data of a `split` of the `familiar` scenario show the noise of the test split."""
+    if isinstance(scenario, SimulatedScenario) and isinstance(familiar, SimulatedScenario):
+        return bool(getattr(familiar.noise, split) == scenario.noise.test)
     return split == "validation"  # the same board; what is learned of it is simulated

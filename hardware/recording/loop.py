@@ -196,9 +196,10 @@ def record(
             try:
                 arrived = [renumber(frame) for frame in board.frames(WAIT_S)]
             except BoardLostError as lost:
-                damaged_before += board.health.damaged
+                damaged = board.health.damaged
                 _note(recorder, say, f"{lost} Waiting for it to return.")
                 if _returned(board, over):
+                    damaged_before += damaged  # it counts anew
                     renumber.restart()
                     _note(recorder, say, "The board is back.")
                 continue

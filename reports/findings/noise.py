@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 _FIRST = 6
 """Methods with a line in colour, the best ones at the middle level; others are grey."""
 
+_MEANS = {
+    CEILING: "The ceiling is the posterior mean by a sampler that is told the law of the phantoms, "
+    "the noise and the sensor as built: what frames allow is at least this.",
+    UNTOUCHED: "The untouched sensor is an image without a touch.",
+}
+
 
 def findings(run: Run) -> list[Finding]:
     """Return quality against noise of a run; none of runs without several levels of noise."""
@@ -33,12 +39,11 @@ def findings(run: Run) -> list[Finding]:
         for name, row in curves.psnr.iterrows()
     ]
     legend = (
-        f"PSNR of the mean squared error over {curves.n} phantoms, the same at all levels. The "
-        "ceiling is the posterior mean by a sampler that is told the law of the phantoms, the "
-        "noise and the sensor as built: what frames allow is at least this. The untouched sensor "
-        "is an image without a touch."
+        f"PSNR of the mean squared error over {curves.n} phantoms, the same at all levels."
     )
-    shows = "A line for each method between the ceiling and the untouched sensor"
+    for name, means in _MEANS.items():
+        legend += f" {means}" if name in curves.psnr.index else ""
+    shows = "A line for each row of the table"
     wide, narrow = (draw(curves, width) for width in (PAGE, COLUMN))
     return [Finding("noise", "Quality against noise", table, grid, legend, wide, shows, narrow)]
 
@@ -67,9 +72,11 @@ def draw(curves: NoiseCurves, width: float = PAGE) -> Figure:
         ceiling = curves.psnr.loc[CEILING].to_numpy(np.float64)
         high = max(high, np.nanmax(ceiling) + 1)
         axes.plot(at, ceiling, color="black", lw=1.6, label="ceiling")
-    nothing = curves.psnr.loc[UNTOUCHED].to_numpy(np.float64)
-    axes.plot(at, nothing, color="0.4", lw=1, ls=":", label="untouched sensor")
-    axes.set_ylim(min(low, nothing.min() - 1), high)
+    if UNTOUCHED in curves.psnr.index:
+        nothing = curves.psnr.loc[UNTOUCHED].to_numpy(np.float64)
+        low = min(low, np.nanmin(nothing) - 1)
+        axes.plot(at, nothing, color="0.4", lw=1, ls=":", label="untouched sensor")
+    axes.set_ylim(low, high)
     axes.set_xlim(-0.1, len(at) - 0.9)
     axes.set_xticks(list(at), _levels(curves))
     axes.set_xlabel("SNR of a frame")

@@ -192,11 +192,11 @@ def matrix_table(suite: SuitePart) -> Table | None:
         cells: list[Text | Cell] = [
             Markup("{}<small> {}</small>").format(board["scenario"], column.title if column else "")
         ]
-        best = board["views"][0]["rows"][0].get("group") or ""
+        first = board["views"][0]["rows"][0]
+        best = {row["label"] for row in (first, *tied_with_first(board))}
         for name in names:
             text = column.text(of[name]) if column and name in of else "–"
-            equal = name in of and set(best) & set(of[name].get("group") or "")
-            kind = "number best" if equal else "number"
+            kind = "number best" if board["pairs"] and name in best else "number"
             cells.append(Cell(text, kind))
         rows.append(cells)
     tested = any(board["clusters"] for board in boards)

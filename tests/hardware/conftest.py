@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eitbench.hardware.board import Board, BoardError, BoardLostError, Frame
+from eitbench.hardware.board import Board, BoardError, BoardLostError, Frame, Health
 from eitbench.hardware.emulation.board_server import BoardServer
 from eitbench.hardware.protocols import PROTOCOLS, Protocol
 from eitbench.scenarios.catalogue import sensor
@@ -67,6 +67,7 @@ class FakeBoard(Board):
         if self.refusals:
             self.refusals -= 1
             raise BoardError("There is no such port.")
+        self.health = Health()
 
     def start(self) -> None:
         self.calls.append("start")

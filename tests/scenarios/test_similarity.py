@@ -38,6 +38,9 @@ def test_points_that_determine_no_similarity_give_none() -> None:
     assert fit_similarity(np.full((5, 2), np.nan), target) is None
     assert fit_similarity(target[:2], target[:2]) is None
     assert fit_similarity(target, np.ones((5, 2))) is None
+    for place in ([0.03, 0.02], [0.0, 0.0]):  # always the same, but for rounding
+        same = np.array(place) + 1e-17 * np.random.default_rng(1).standard_normal((5, 2))
+        assert fit_similarity(same, target) is None
     for angle in np.linspace(0.1, 3, 30):  # of most, rounding leaves a little beside the line
         turned = np.linspace(0, 1, 5)[:, None] * [np.cos(angle), np.sin(angle)] + 0.3
         assert fit_similarity(turned, target) is None

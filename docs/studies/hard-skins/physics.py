@@ -208,7 +208,7 @@ def fits() -> Iterator[dict[str, object]]:
                 yield base | {
                     "model": kind, "first": first,
                     # In the robot's coordinates.
-                    "angle": (((-angle if mirrored else angle) - turn) if kind == "tensor" else 0)
+                    "angle": ((turn - angle if mirrored else angle - turn) if kind == "tensor" else 0)
                     % 180,
                     "explained": by_press(frames[~fit], modelled[~fit]),
                     "with_gains": explained(frames[~fit], modelled[~fit] * gain),

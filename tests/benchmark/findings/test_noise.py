@@ -11,7 +11,7 @@ import pytest
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.findings.noise import CEILING, UNTOUCHED, noise_curves
 from eitbench.benchmark.run.runner import make_plan, start_run
-from eitbench.reports.findings.noise import findings
+from eitbench.reports.findings.noise import draw, findings
 from eitbench.scenarios.imperfections.noise import Noise
 from eitbench.scenarios.phantoms.families import DeclaredFamily
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
@@ -76,7 +76,29 @@ def test_the_finding_has_a_row_for_each_line(run: Run) -> None:
     assert [row[0] for row in finding.grid[1:]] == ["noser", UNTOUCHED]
     assert finding.grid[0][1:] == ["30 dB", "50 dB", "clean"]
     assert finding.figure is not None
-    assert "what frames allow is at least this" in finding.legend
+    assert "is an image without a touch" in finding.legend
+    assert "ceiling" not in finding.legend
+
+
+def test_frames_of_a_hidden_set_have_no_line_of_the_open_one(run: Run, records: Path) -> None:
+    """They are other phantoms, of which neither the ceiling nor the images are known here."""
+    records.mkdir()
+    rows = [
+        {"scenario": name, "sample": k, "input_hash": f"{name} {k}", "mse": 1e-3}
+        for name in LEVELS
+        for k in range(SAMPLES)
+    ]
+    pd.DataFrame(rows).to_csv(records / "n.csv", index=False)
+    hashes = {name: run.manifest["data"][name]["hash"] for name in LEVELS}
+    (records / "n.json").write_text(json.dumps({"data": hashes}))
+    hidden = {name: {"hash": f"{k}" * 64} for k, name in enumerate(LEVELS)}
+    curves = noise_curves(replace(run, manifest={**run.manifest, "data": hidden}))
+    assert curves is not None
+    assert curves.psnr.index.tolist() == ["noser"]
+    assert draw(curves).axes
+    curves = noise_curves(run)
+    assert curves is not None
+    assert curves.psnr.index.tolist() == ["noser", CEILING, UNTOUCHED]
 
 
 def test_runs_without_levels_have_no_curves(run: Run) -> None:

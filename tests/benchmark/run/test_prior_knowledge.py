@@ -14,20 +14,21 @@ from eitbench.benchmark.analysis.results import describe_prior_knowledge
 from eitbench.benchmark.run.prior_knowledge import (
     UNKNOWN,
     Training,
+    prior_knowledge_columns,
     read_report,
     training_contents,
 )
-from eitbench.benchmark.run.prior_knowledge import prior_knowledge_columns as columns
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
 from eitbench.benchmark.workers.messages import WorkerLostError
 from eitbench.benchmark.workers.method_service import MethodService
 from eitbench.methods import Problem, create
+from eitbench.methods.problem import AccessRecord
 from eitbench.reports.tables.boards import overlaps
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.data.simulation import phantom
 from eitbench.scenarios.phantoms.phantom import contents
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites.scenario import Scenario, SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import scenarios
 
 SMALL = SimulatedScenario(
@@ -56,6 +57,18 @@ def leaking(split: str, limit: int | None) -> Dataset:
         phantoms=data.phantoms[::-1],
         samples=data.samples.iloc[::-1],
     )
+
+
+def columns(
+    access: AccessRecord,
+    training: Training | None,
+    scenario: Scenario,
+    test: Dataset,
+    *,
+    spent: dict[str, Any],
+) -> dict[str, Any]:
+    """Of a method that learned from the scenario that it is tested on."""
+    return prior_knowledge_columns(access, training, scenario, scenario, test, spent=spent)
 
 
 def a_problem(splits: Callable[[str, int | None], Dataset] = own) -> Problem:
@@ -193,6 +206,21 @@ def test_noise_is_known_from_data_that_have_it() -> None:
     problem.validation()
     found = columns(problem.access_record(), None, same, load(same, split="test"), spent={})
     assert json.loads(found["prior_knowledge"])["noise"] == ["train"]
+
+
+def test_what_is_given_is_that_of_the_familiar_scenario() -> None:
+    """Of which frames are to be novel: a method has not seen what they show, nor their noise."""
+    novel = SMALL.model_copy(update={"families": ("ring",), "noise": SplitNoise(test=30)})
+    problem, test = a_problem(), load(novel, split="test")
+    problem.training()
+    problem.validation()
+    access, spent = problem.access_record(), {"trials": 12}
+    text = prior_knowledge_columns(access, None, novel, SMALL, test, spent=spent)
+    found = json.loads(text["prior_knowledge"])
+    assert (found["families"], found["noise"]) == ("other", [])
+    own_noise = SMALL.model_copy(update={"noise": SplitNoise(train=30, test=30)})
+    text = prior_knowledge_columns(access, None, novel, own_noise, test, spent=spent)
+    assert json.loads(text["prior_knowledge"])["noise"] == ["train", "tuning"]
 
 
 def test_weights_are_held_against_the_data_they_come_from(

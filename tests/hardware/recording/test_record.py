@@ -109,9 +109,9 @@ def test_a_board_that_goes_away_is_waited_for(
     # It counts from zero again, seven seconds later.
     after = [Frame(k, k / 10, 12.5 + k / 10, f.values) for k, f in enumerate(frames(3))]
     made, said = board([*before, *after]), list[str]()
-    made.lost_after, made.refusals = 2, 3
+    made.lost_after, made.refusals, made.health.damaged = 2, 3, 4
     with Recorder(tmp_path / "a.h5", skin, "fake") as recorder:
-        record(made, recorder, say=said.append)
+        assert record(made, recorder, say=said.append).damaged == 4
     content, _ = read_file(tmp_path / "a.h5")
     assert said == ["The board is gone. Waiting for it to return.", "The board is back."]
     assert content.events["text"].tolist() == said
@@ -128,11 +128,13 @@ def test_a_board_that_stays_away_does_not_outlast_the_time(
     monkeypatch.setattr(loop, "RETRY_S", 0.01)
     made = board([])
     made.lost_after, made.refusals, made.endless = 0, 10**6, True
+    made.health.damaged = 3
     with (
         pytest.raises(RecorderError, match="Not one frame arrived"),
         Recorder(tmp_path / "a.h5", skin, "fake") as recorder,
     ):
-        assert record(made, recorder, seconds=0.1).frames == 0
+        status = record(made, recorder, seconds=0.1)
+        assert (status.frames, status.damaged) == (0, 3)
     assert made.calls.count("open") >= 1
 
 
