@@ -2,7 +2,7 @@
 
 from eitbench.scenarios.arrays import nearest_pixels
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError, unknown_name
-from eitbench.scenarios.interrupts import end_with_parent
+from eitbench.scenarios.interrupts import workers
 from eitbench.scenarios.similarity import Similarity
 from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.storage.files import writing
@@ -13,8 +13,8 @@ __all__ = [
     "InputError",
     "Similarity",
     "atomic_write",
-    "end_with_parent",
     "nearest_pixels",
     "unknown_name",
+    "workers",
     "writing",
 ]

@@ -5,7 +5,9 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
+import joblib
 import psutil
 
 
@@ -43,6 +45,16 @@ def termination_interrupts() -> Iterator[None]:
     finally:
         for number in taken:
             signal.signal(number, before[number])
+
+
+def workers(jobs: int, **options: Any) -> joblib.Parallel:
+    """Return so many worker processes of joblib, which end once this process has gone.
+
+    `options` are those of `joblib.Parallel`.
+    """
+    return joblib.Parallel(
+        n_jobs=jobs, initializer=end_with_parent, initargs=(os.getpid(),), **options
+    )
 
 
 def end_with_parent(pid: int) -> None:

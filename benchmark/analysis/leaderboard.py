@@ -57,11 +57,11 @@ def leaderboard_rows(runs: Sequence[Run]) -> list[Row]:
     Repeats are one row, that of the newest run: the same method, parameters, weights and plugin on
     the same data with the same results. `repeats` names the others; it is None without any.
 
-    Figures are means over the samples (localisation: the median), of which failed ones are charged
-    what an image of the untouched sensor gets; None where not defined, or where all failed. The
-    best value has rank 1, those that lack samples come after those that have all, those without a
-    figure last, and equals share a rank. Operators have figures of their valid samples only, and
-    rank after those that lost none.
+    Figures are what each metric makes of the samples, a mean, a median or another (see its
+    `aggregate`); failed samples are charged what an image of the untouched sensor gets. They are
+    None where not defined, or where all failed. The best value has rank 1, those that lack samples
+    come after those that have all, those without a figure last, and equals share a rank. Operators
+    have figures of their valid samples only, and rank after those that lost none.
 
     Raises:
         InputError: some of the runs rank methods and others operators.

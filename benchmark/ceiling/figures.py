@@ -35,6 +35,7 @@ from eitbench.benchmark.ceiling.record import (
 )
 from eitbench.benchmark.ceiling.sampler import CORRECTED, LIBRARY, PARTICLES, Draws
 from eitbench.benchmark.metrics.evaluation import evaluate
+from eitbench.benchmark.metrics.image_metrics import psnr_of_mean
 from eitbench.benchmark.metrics.statistics import bootstrap, means
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY, kept_of_draws, sample_figures
 from eitbench.benchmark.rundir.manifest import environment
@@ -236,22 +237,17 @@ def _summary(scenario: str, of: pd.DataFrame) -> dict[str, object]:
         **{name: float(of[name].mean()) for name in FIGURES if name != "localisation_mm"},
         "localisation_mm": float(of["localisation_mm"].median()),
         **dict(zip(("psnr_of_mse", "low", "high"), whole, strict=True)),
-        "expected_psnr": _psnr(of["expected_mse"]),
-        "image_psnr": _psnr(10 ** (-of["psnr"] / 10)),
+        "expected_psnr": psnr_of_mean(of["expected_mse"]),
+        "image_psnr": psnr_of_mean(10 ** (-of["psnr"] / 10)),
         **dict(zip(("apart_db", "apart_low", "apart_high"), apart, strict=True)),
         "agreed": float(trusted(of).mean()),
         "exact": float(exactly_weighted(of).mean()),
-        "agreed_psnr": _psnr(of["mse"][trusted(of)]),
-        "exact_psnr": _psnr(of["mse"][exactly_weighted(of)]),
+        "agreed_psnr": psnr_of_mean(of["mse"][trusted(of)]),
+        "exact_psnr": psnr_of_mean(of["mse"][exactly_weighted(of)]),
         "worst": float(of["mse"].max() / of["mse"].sum()),
         **{f"within_{level}": traces_held(of, level) for level in (50, 80, 95)},
         "uniform_p": min(1.0, len(TRACES) * min(tests)),
     }
-
-
-def _psnr(errors: pd.Series) -> float:
-    """PSNR [dB] of the mean of squared errors; NaN of none."""
-    return float(-10 * np.log10(errors.mean())) if len(errors) else float("nan")
 
 
 def _decibels(counts: Array, errors: Array) -> Array:

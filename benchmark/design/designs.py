@@ -24,7 +24,7 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.imperfections import FRAME_S
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import DrivePattern, offset_pattern, opposition_pattern
-from eitbench.scenarios.sensors.sensor import Electrode, Sensor
+from eitbench.scenarios.sensors.sensor import Electrode, Sensor, even_electrodes
 
 OWN = "own"
 """The pattern of the sensor as it is given."""
@@ -157,7 +157,6 @@ def _spread(sensor: Sensor, count: int) -> tuple[Electrode, ...]:
     given = sensor.electrodes
     perimeter = sensor.outline.perimeter
     clockwise = (given[1].centre - given[0].centre) % perimeter > perimeter / 2
-    step = perimeter / count * (-1 if clockwise else 1)
     width = sum(e.width for e in given) / count
     contact = float(np.exp(np.mean(np.log([e.contact_impedance for e in given]))))
     # Half a step from the corner where the first electrode of the sensor is so, too.
@@ -165,7 +164,7 @@ def _spread(sensor: Sensor, count: int) -> tuple[Electrode, ...]:
     start = given[0].centre
     if not isinstance(sensor.outline, Disc) and np.isclose(start % own, own / 2, rtol=1e-3):
         start = (perimeter / count) / 2 + (start - own / 2)
-    return tuple(Electrode((start + step * k) % perimeter, width, contact) for k in range(count))
+    return even_electrodes(sensor.outline, count, width, contact, start=start, clockwise=clockwise)
 
 
 def _pattern(name: str, n_electrodes: int) -> DrivePattern:

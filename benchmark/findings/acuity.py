@@ -18,6 +18,7 @@ import pandas as pd
 
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.findings.acuity_seen import GREIT, firmest, nearest_the_middle, seen_tables
+from eitbench.benchmark.findings.two_touch import least_distance
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.greit import noise_figure
 from eitbench.scenarios.arrays import Array
@@ -186,9 +187,7 @@ def _offset(touches: pd.DataFrame) -> Array:
 
 def least_apart(pairs: pd.DataFrame, share: float, column: str = "apart") -> float:
     """Least distance [mm] from which on at least `share` of the pairs are told apart; or NaN."""
-    by = pairs.groupby("probe_distance_mm")[column].mean().sort_index(ascending=False)
-    enough = (by >= share).cumprod().astype(bool)
-    return float(by.index[enough].min()) if enough.any() else float("nan")
+    return least_distance(pairs.groupby("probe_distance_mm")[column].mean(), share)
 
 
 def roc(untouched: Array, touched: Array) -> Array:

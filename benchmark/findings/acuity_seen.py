@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eitbench.benchmark.analysis.results import Run, cells_of, read_table
-from eitbench.benchmark.findings.two_touch import WITHIN_MM
+from eitbench.benchmark.findings.two_touch import are_apart
 from eitbench.benchmark.metrics import tactile
 from eitbench.benchmark.metrics.greit import greit_figures, mean_magnitude, spread
 from eitbench.benchmark.rundir.manifest import suite_of
@@ -203,5 +203,5 @@ def _told_apart(found: Contacts, table: pd.DataFrame) -> NDArray[np.bool_]:
         strongest = found.position[found.of(n)][:2]
         if len(strongest) == 2:
             farthest = 1e3 * tactile.distances(places[n], strongest).max()
-            apart[n] = farthest < min(WITHIN_MM, table["probe_distance_mm"][n] / 2)
+            apart[n] = are_apart(farthest, table["probe_distance_mm"][n])
     return apart

@@ -14,6 +14,7 @@ import pandas as pd
 
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.ceiling.record import recorded_frames
+from eitbench.benchmark.metrics.image_metrics import psnr_of_mean
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.manifest import suite_of
 from eitbench.scenarios.data.simulation import phantom
@@ -80,16 +81,14 @@ def _curves(run: Run, scenarios: list[SimulatedScenario]) -> NoiseCurves:
     kept = sorted(samples)
     cells = cells[cells["sample"].isin(kept)]
     rows: dict[str, dict[float, float]] = {}
-    for scenario, data_hash, errors in zip(scenarios, hashes, known, strict=True):
+    for scenario, data_hash, least in zip(scenarios, hashes, known, strict=True):
         noise = scenario.noise.test
         level = float("inf") if isinstance(noise, str) else noise
         of = cells[cells["scenario"] == scenario.name]
         for method, cell in of.groupby("method"):
-            error = np.mean(10 ** (-cell["psnr"].to_numpy() / 10))
-            rows.setdefault(str(method), {})[level] = float(-10 * np.log10(error))
-        if set(kept) <= set(errors.index):
-            least = float(errors.reindex(kept).mean())
-            rows.setdefault(CEILING, {})[level] = float(-10 * np.log10(least))
+            rows.setdefault(str(method), {})[level] = psnr_of_mean(10 ** (-cell["psnr"] / 10))
+        if set(kept) <= set(least.index):
+            rows.setdefault(CEILING, {})[level] = psnr_of_mean(least.reindex(kept))
         if data_hash == scenario.data_hash("test"):  # else they are hidden, or of older data
             rows.setdefault(UNTOUCHED, {})[level] = _untouched(scenario, kept)
     table = pd.DataFrame.from_dict(rows, orient="index").sort_index(axis=1)
@@ -103,4 +102,4 @@ def _untouched(scenario: SimulatedScenario, samples: list[int]) -> float:
     for sample in samples:
         truth = rasterise(phantom(scenario, "test", sample), sensor)
         errors.append(np.mean((truth - sensor.background)[sensor.mask] ** 2))
-    return float(10 * np.log10(sensor.data_range**2 / np.mean(errors)))
+    return psnr_of_mean(np.array(errors) / sensor.data_range**2)

@@ -8,11 +8,13 @@ touches among them say what a method that always shows two is worth.
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from scipy.stats import binomtest
 
 from eitbench.benchmark.analysis.results import cells_of
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.statistics import LEVEL
+from eitbench.scenarios.arrays import Mask
 
 WITHIN_MM = 20.0
 DISTANCE = "probe_distance_mm"
@@ -35,11 +37,11 @@ def told_apart(samples: pd.DataFrame) -> pd.DataFrame:
     for (scenario, method), cell in cells_of(samples).items():
         if not set(_NEEDED) <= set(cell) or not (cell["contacts"] == 2).any():
             continue
-        for distance in np.unique(numbers(cell, DISTANCE)).tolist():
+        distances = numbers(cell, DISTANCE)
+        for distance in np.unique(distances[np.isfinite(distances)]).tolist():
             touches = cell[cell[DISTANCE] == distance]
             wrong = touches["contact_count_error"]
-            within = min(WITHIN_MM, distance / 2)
-            apart = (touches["farthest_contact_mm"] < within).to_numpy()
+            apart = are_apart(touches["farthest_contact_mm"].to_numpy(), distance)
             two = bool((touches["contacts"] == 2).all())
             share = binomtest(int(apart.sum()), len(apart)).proportion_ci(LEVEL, "wilson")
             rows.append(
@@ -58,12 +60,16 @@ def told_apart(samples: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def least_distance(found: pd.DataFrame) -> float | None:
-    """Smallest distance [mm] from which on at least half are told apart; None where there is none.
+def are_apart(farthest_mm: ArrayLike, distance_mm: ArrayLike) -> Mask:
+    """Whether pairs are told apart, by the farther of their two contacts and their distance."""
+    return np.asarray(farthest_mm) < np.minimum(WITHIN_MM, np.asarray(distance_mm) / 2)
+
+
+def least_distance(apart: pd.Series, share: float = 0.5) -> float:
+    """Smallest distance [mm] from which on at least `share` are told apart; NaN without one.
 
     Args:
-        found: rows of `told_apart` of one scenario and method.
+        apart: share told apart by distance [mm]; NaN counts nowhere.
     """
-    pairs = found[found["apart"].notna()].sort_values("distance_mm", ascending=False)
-    enough = (pairs["apart"] >= 0.5).cumprod().astype(bool)
-    return float(pairs["distance_mm"][enough].min()) if enough.any() else None
+    enough = (apart.dropna().sort_index(ascending=False) >= share).cumprod().astype(bool)
+    return float(enough.index[enough].min()) if enough.any() else float("nan")

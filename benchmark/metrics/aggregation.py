@@ -48,7 +48,7 @@ def numbers(cell: pd.DataFrame, name: str) -> Array:
 
 
 def strength_spearman(cell: pd.DataFrame, counts: Array) -> Array:
-    """Rank correlation of contact strength with pressure or press depth (b,)."""
+    """Rank correlation of contact strength with force, pressure or press depth (b,)."""
     for name in LOAD_COLUMNS:
         if "strength" in cell and name in cell and cell[name].notna().any():
             known = (cell[name].notna() & cell["strength"].notna()).to_numpy()

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from eitbench.benchmark.metrics.threads import for_each, threads_for
@@ -127,6 +128,11 @@ def psnr(
         error[rows] = np.mean(((b - a) / data_range) ** 2, axis=1)
     floor = 10 ** (-PSNR_CEILING_DB / 10)
     return -10 * np.log10(np.maximum(error, floor))
+
+
+def psnr_of_mean(errors: Array | pd.Series) -> float:
+    """PSNR [dB] of the mean of squared errors (n,), relative to the data range; NaN of none."""
+    return float(-10 * np.log10(errors.mean())) if len(errors) else float("nan")
 
 
 def image_figures(

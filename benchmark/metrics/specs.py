@@ -313,8 +313,8 @@ _SPECS = (
     MetricSpec(
         "strength_spearman",
         "Strength",
-        formula="Spearman correlation of the strongest contact's integrated |contrast| with "
-        "force, pressure or press depth",
+        formula="Spearman correlation of the integrated |contrast|, of the strongest contact of "
+        "simulated and of all contacts of recorded touches, with force, pressure or press depth",
         domain="scenarios where a force, a pressure or a press depth is known",
         best="max",
         aggregate=strength_spearman,

@@ -113,7 +113,7 @@ def edge_zones(contacts: Contacts, truth: Array, sensor: Sensor) -> list[EdgeZon
         None where there is no true contact, or no pixel lies within `EDGE_ZONE` outside one
         (coarse images).
     """
-    pixel = _pixel(sensor)
+    pixel = sensor.pixel_size[::-1]
     reach = EDGE_ZONE * diameter(sensor)
     number = np.arange(sensor.mask.size, dtype=np.int32).reshape(sensor.mask.shape)
     zones: list[EdgeZone | None] = [None] * len(truth)
@@ -188,13 +188,6 @@ def force(images: NDArray[np.floating], sensor: Sensor) -> Array:
 
     It is the integral of `FoamLayer.pressure` over the sensor.
     """
-    height, width = _pixel(sensor)
+    width, height = sensor.pixel_size
     pressure = FOAM.pressure(images[:, sensor.mask] / sensor.background)
     return np.asarray(height * width * pressure.sum(axis=1))
-
-
-def _pixel(sensor: Sensor) -> tuple[float, float]:
-    """Height and width of a pixel [m]."""
-    height, width = sensor.image_shape
-    x0, y0, x1, y1 = sensor.outline.bounds
-    return (y1 - y0) / height, (x1 - x0) / width

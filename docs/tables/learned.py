@@ -6,8 +6,9 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 from docs.tables.claims import ledger
-from docs.tables.record import SCENARIOS, STUDIES, printed, psnr_of_mean, record
+from docs.tables.record import SCENARIOS, STUDIES, printed, record
 
+from eitbench.benchmark.metrics.image_metrics import psnr_of_mean
 from eitbench.methods.weights.weight_files import packaged_weights
 from eitbench.reports.claims.rules import LABELS
 from eitbench.reports.tables.published import TABLE_II
@@ -90,7 +91,7 @@ def _clean_row(
     return [
         f"`{name}`", shown.get(name, ""), f"{len(samples):,}",
         *_clean_figures(samples.mean(numeric_only=True)),
-        f"{psnr.median():.2f}", f"{psnr_of_mean(psnr):.2f}",
+        f"{psnr.median():.2f}", f"{psnr_of_mean(10 ** (-psnr / 10)):.2f}",
         "" if name == "dnn" else f"{gain.mean():+.2f} ({ends})",
     ]  # fmt: skip
 
@@ -133,7 +134,8 @@ def _boards() -> str:
 def _of_mean_errors() -> str:
     """Return the PSNR of the mean squared error of the best methods at every level of noise."""
     samples = record("noise").samples
-    psnr = samples.groupby(["method", "scenario"])["psnr"].agg(psnr_of_mean).unstack()
+    errors = (10 ** (-samples["psnr"] / 10)).groupby([samples["method"], samples["scenario"]])
+    psnr = errors.agg(psnr_of_mean).unstack()
     levels = [name for name in SCENARIOS if name in psnr]
     best = (
         "shape-posterior", "learned-gn-large", "dnn-large", "learned-gn-2", "learned-gn", "dnn"

@@ -5,9 +5,6 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
-
 from eitbench.benchmark.analysis.leaderboard import Row
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.reports.board.changes import version_key
@@ -52,11 +49,6 @@ def printed(
 ) -> str:
     """Return a table in Markdown."""
     return "\n".join(markdown_table(heads, rows, right))
-
-
-def psnr_of_mean(psnr: pd.Series) -> float:
-    """Return the PSNR [dB] of the mean squared error of images with PSNR (n,) [dB]."""
-    return float(-10 * np.log10(np.mean(10 ** (-psnr / 10))))
 
 
 def _command(line: str) -> str:

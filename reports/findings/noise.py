@@ -38,9 +38,7 @@ def findings(run: Run) -> list[Finding]:
         [printable(str(name)), *("–" if math.isnan(v) else f"{v:.1f}" for v in row)]
         for name, row in curves.psnr.iterrows()
     ]
-    legend = (
-        f"PSNR of the mean squared error over {curves.n} phantoms, the same at all levels."
-    )
+    legend = f"PSNR of the mean squared error over {curves.n} phantoms, the same at all levels."
     for name, means in _MEANS.items():
         legend += f" {means}" if name in curves.psnr.index else ""
     shows = "A line for each row of the table"

@@ -102,13 +102,13 @@ def apart_grid(table: pd.DataFrame) -> list[list[str]]:
     rows[0].append("counted, one")
     for (scenario, method), cell in table.groupby(["scenario", "method"], sort=False):
         apart, counted = (cell.set_index("distance_mm")[name] for name in ("apart", "counted"))
-        least = least_distance(cell)
+        least = least_distance(apart)
         rows.append(
             [
                 printable(str(scenario)),
                 printable(str(method)),
                 *(_share(apart.get(d, np.nan)) for d in distances),
-                "never" if least is None else f"{least:g} mm",
+                "never" if np.isnan(least) else f"{least:g} mm",
                 _share(cell["counted"][cell["distance_mm"] > 0].mean()),
                 _share(counted.get(0.0, np.nan)),
             ]

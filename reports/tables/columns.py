@@ -80,6 +80,11 @@ def _small(value: float) -> str:
     return f"{mantissa}e{int(exponent)}"
 
 
+def p_text(p: float | None) -> str:
+    """A p-value to three decimals; a dash where nothing was tested."""
+    return "–" if p is None else f"{p:.3f}" if p >= 0.001 else "<0.001"
+
+
 def printable(text: str) -> str:
     """`text` on one line, with what is not printable written as an escape."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
@@ -196,7 +201,7 @@ _MEANINGS = {
     "localisation_p90_mm": "error of the place that 90 % of the presses stay within",
     "unevenness": "standard deviation of the local error over the skin, over its mean",
     "worst_tenth_mm": "local error that the worst tenth of the places reaches",
-    "strength_spearman": "rank correlation of strength with pressure or depth",
+    "strength_spearman": "rank correlation of strength with force, pressure or depth",
     "coverage": "share of samples with a valid image",
 }
 

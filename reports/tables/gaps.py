@@ -8,7 +8,7 @@ from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS
 from eitbench.benchmark.submissions.hidden import Gap
 from eitbench.benchmark.submissions.tiers import is_submission, reproduced_on, tier
-from eitbench.reports.tables.columns import METHOD_LAYOUT
+from eitbench.reports.tables.columns import METHOD_LAYOUT, p_text
 
 HEADS = ("Scenario", "Method", "Figure", "n", "Open", "Hidden", "Difference (95 %)", "p", "Verdict")
 _FORMS = {column.name: column for column in METHOD_LAYOUT.columns}
@@ -24,7 +24,7 @@ def difference(gap: Gap) -> str:
 
 def gap_texts(gap: Gap) -> list[str]:
     """Return the texts of a row, in the order of `HEADS`."""
-    number, p = _FORMS[gap.figure].number, gap.p
+    number = _FORMS[gap.figure].number
     return [
         gap.scenario,
         gap.method,
@@ -33,7 +33,7 @@ def gap_texts(gap: Gap) -> list[str]:
         number(gap.open),
         number(gap.hidden),
         difference(gap),
-        "–" if p is None else f"{p:.3f}" if p >= 0.001 else "<0.001",
+        p_text(gap.p),
         _verdict(gap),
     ]
 

@@ -1,7 +1,6 @@
 """Data sets: the samples of a scenario's split, ready for methods and metrics."""
 
 import hashlib
-import os
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -29,7 +28,7 @@ from eitbench.scenarios.imperfections.noise import (
     session_snr_db,
     snr_of_touch,
 )
-from eitbench.scenarios.interrupts import end_with_parent
+from eitbench.scenarios.interrupts import workers
 from eitbench.scenarios.phantoms.phantom import Phantom, rasterise
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import (
@@ -174,13 +173,7 @@ def load(
 def _calibrated(data: Dataset, jobs: int, progress: bool) -> Dataset:
     """The data, corrected session by session by what each reference frame shows."""
     sessions = same_reference(data.references)
-    pool = joblib.Parallel(
-        n_jobs=min(jobs, len(sessions)),
-        return_as="generator",
-        batch_size=1,
-        initializer=end_with_parent,
-        initargs=(os.getpid(),),
-    )
+    pool = workers(min(jobs, len(sessions)), return_as="generator", batch_size=1)
     steps = pool(
         joblib.delayed(_corrected)(data.sensor, data.voltages[rows], data.references[rows.start])
         for rows in sessions

@@ -7,7 +7,6 @@ noise are not stored: they are drawn again from their keys.
 
 import json
 import logging
-import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -25,7 +24,7 @@ from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 from eitbench.scenarios.guard import check_open
 from eitbench.scenarios.imperfections.imperfections import TOUCH_INTERVAL_S
-from eitbench.scenarios.interrupts import end_with_parent
+from eitbench.scenarios.interrupts import workers
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.seeds import generator
@@ -110,9 +109,7 @@ def nominal_samples(
     check_open("train")
     sensor = scenario.nominal_sensor
     parts = [samples[first : first + CHUNK] for first in range(0, len(samples), CHUNK)]
-    pool = joblib.Parallel(
-        n_jobs=jobs, return_as="generator", initializer=end_with_parent, initargs=(os.getpid(),)
-    )
+    pool = workers(jobs, return_as="generator")
     images = np.empty((len(samples), *sensor.image_shape), dtype=np.float32)
     voltages = np.empty((len(samples), sensor.n_measurements))
     first = 0
@@ -140,7 +137,11 @@ def with_bar(steps: Iterable[_Step], title: str, total: int, *, show: bool) -> I
 
 
 def conductivity(scenario: SimulatedScenario, split: Split, sample: int) -> Array:
-    """Conductivity [S/m] of one sample on the grid of the data, with drift and relaxation."""
+    """Conductivity [S/m] of one sample on the grid of the data, with drift and relaxation.
+
+    One clock runs over the whole split. What is left of the last touch is of the sample before,
+    as if it had been on this unit, also where a session begins.
+    """
     session = sample // TOUCHES
     sensor = scenario.data_model(split, session).sensor
     imperfections = scenario.split_imperfections(split, session)
@@ -217,13 +218,7 @@ def _simulated(
         yield from (_simulate(scenario, split, chunk) for chunk in chunks)
         return
     # One chunk a task: each is stored and shown as soon as it is done.
-    pool = joblib.Parallel(
-        n_jobs=min(jobs, len(chunks)),
-        return_as="generator_unordered",
-        batch_size=1,
-        initializer=end_with_parent,
-        initargs=(os.getpid(),),
-    )
+    pool = workers(min(jobs, len(chunks)), return_as="generator_unordered", batch_size=1)
     yield from pool(joblib.delayed(_simulate)(scenario, split, chunk) for chunk in chunks)
 
 

@@ -32,7 +32,7 @@ from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor
 
 TOUCH_INTERVAL_S = 10.0
-"""Time from one touch of a simulated session to the next [s]."""
+"""Time from one touch of a simulated split to the next, also from session to session [s]."""
 FRAME_S = 0.1
 """Time in which a board measures one frame [s]: 10 frames/s."""
 MAINS_HZ = 50.0
@@ -77,7 +77,8 @@ class Imperfections(Declaration):
         dead: electrodes without contact: what they drive or measure reads 0.
         saturated: a channel, numbered in the order of its first measurement, that clips.
         lost_every: every so many frames one is lost and the last one seen again.
-        reference_age_s: age of the reference frame at the first touch [s].
+        reference_age_s: age of the reference frames at the first touch of a split [s]; at those of
+            a later session they are older by the touches between.
     """
 
     unit: int = Field(default=0, ge=0, lt=FIRST_TRAINING_UNIT // 2)
@@ -138,7 +139,7 @@ class Imperfections(Declaration):
         )
 
     def drifted(self, sensor: Sensor, time_s: float) -> Array:
-        """Factor (H, W) of the conductivity at a time [s] after the first touch."""
+        """Factor (H, W) of the conductivity at a time [s] after the first touch of a split."""
         if not self.drift:
             return np.ones(sensor.image_shape)
         even, east, north = (self._wander(axis, time_s) for axis in ("even", "x", "y"))

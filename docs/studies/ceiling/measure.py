@@ -24,7 +24,6 @@ from scipy import stats
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.ceiling.figures import TRACES
-from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.benchmark.findings.noise import noise_curves
 from eitbench.reports.figures.style import PAGE, STYLE, line_style, new_figure, save
 from eitbench.reports.findings.noise import draw
@@ -48,7 +47,6 @@ def write(paths: Sequence[Path]) -> None:
     names = ["scenario", "method"]
     rows = [
         {**{name: row[name] for name in names},
-         "n": len(recorded_frames(row["scenario"], row["data_hash"])),
          **{end: row[f"below_ceiling_db{of}"]
             for end, of in (("below_db", ""), ("low", "_low"), ("high", "_high"))}}
         for run in runs
@@ -92,10 +90,11 @@ def reliability(of: pd.DataFrame) -> Figure:
 
 def widths(of: pd.DataFrame) -> Figure:
     """Standard deviation of the place over depth, contrast and area of touches, by noise."""
+    x0, y0, x1, y1 = foam16().outline.bounds
     of = of.assign(
         place_mm=1e3 * np.hypot(of["sd_x"], of["sd_y"]),
-        depth_mm=1e3 * np.minimum.reduce([of["true_x"], of["true_y"],
-                                          0.1 - of["true_x"], 0.1 - of["true_y"]]),
+        depth_mm=1e3 * np.minimum.reduce([of["true_x"] - x0, of["true_y"] - y0,
+                                          x1 - of["true_x"], y1 - of["true_y"]]),
         contrast=of["true_strength"] / of["true_area"],
         area_cm2=1e4 * of["true_area"],
     )  # fmt: skip

@@ -205,11 +205,10 @@ def fits() -> Iterator[dict[str, object]]:
                 modelled = unit_frames(seen @ j.T)
                 gain = gains(frames[fit], modelled[fit])
                 signed = np.sign(gain.sum() or 1.0) * gain
+                of_robot = turn - angle if mirrored else angle - turn
                 yield base | {
                     "model": kind, "first": first,
-                    # In the robot's coordinates.
-                    "angle": ((turn - angle if mirrored else angle - turn) if kind == "tensor" else 0)
-                    % 180,
+                    "angle": of_robot % 180 if kind == "tensor" else 0,
                     "explained": by_press(frames[~fit], modelled[~fit]),
                     "with_gains": explained(frames[~fit], modelled[~fit] * gain),
                     "error_mm": place_error(skin, j, frames, places, fit),

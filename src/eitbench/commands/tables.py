@@ -79,7 +79,7 @@ def changes_table(comparison: "RunComparison") -> "Table":
     from rich.text import Text
 
     from eitbench.benchmark.metrics.specs import METRICS
-    from eitbench.reports.tables.columns import METHOD_LAYOUT, printable
+    from eitbench.reports.tables.columns import METHOD_LAYOUT, p_text, printable
 
     forms = {column.name: column for column in METHOD_LAYOUT.columns}
     shown = Table("Scenario", "Method", "Figure", box=box.SIMPLE_HEAD)
@@ -96,7 +96,7 @@ def changes_table(comparison: "RunComparison") -> "Table":
             number(change.before),
             number(change.after),
             number(change.difference) + _interval(change, number),
-            "–" if change.p is None else f"{change.p:.3f}" if change.p >= 0.001 else "<0.001",
+            p_text(change.p),
             _ratio(change),
             Text(change.verdict, style=_STYLES.get(change.verdict, "")),
         )

@@ -25,6 +25,7 @@ def test_each_contact_is_nearer_than_half_the_distance_and_than_the_limit() -> N
                 touches(0, [3, 3], [0, 1]),
                 # One contact in the middle is exactly half the distance from both.
                 touches(30, [14.9, 15.0, 40.0, 3.0], [0, 1, 0, 2]),
+                touches(np.nan, [3.0], [0]),  # recorded, at a distance that nobody noted
                 touches(100, [WITHIN_MM - 0.1, WITHIN_MM, 49.0, 3.0], [0, 0, 0, 0]),
             ]
         )
@@ -43,8 +44,9 @@ def test_each_contact_is_nearer_than_half_the_distance_and_than_the_limit() -> N
 def test_the_least_distance_holds_for_all_larger_ones() -> None:
     shares = {10.0: 0.9, 20.0: 0.2, 40.0: 0.5, 60.0: 0.8, 0.0: np.nan}
     table = pd.DataFrame({"distance_mm": list(shares), "apart": list(shares.values())})
-    assert least_distance(table) == 40
-    assert least_distance(table.assign(apart=0.4)) is None
+    apart = table.set_index("distance_mm")["apart"]
+    assert least_distance(apart) == 40
+    assert np.isnan(least_distance(0 * apart + 0.4))
 
 
 def test_rows_without_pairs_say_nothing() -> None:
