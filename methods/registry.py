@@ -127,8 +127,12 @@ class Registry(Generic[Base]):
             make: Callable[..., Base] = known[name]
             return make(*arguments, **parameters)
         except TypeError as error:
+            why = f"{error}."
+            takes = inspect.signature(known[name]).parameters
+            if parameters.keys() - takes.keys():
+                why = f"its parameters are {', '.join(takes) or 'none'}."
             raise InputError(
-                f"{self.kind.capitalize()} {name!r} cannot be made with {parameters}: {error}."
+                f"{self.kind.capitalize()} {name!r} cannot be made with {parameters}: {why}"
             ) from error
 
     def of_module(self, module: str) -> list[str]:

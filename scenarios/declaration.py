@@ -130,7 +130,10 @@ def _problem(error: Mapping[str, Any], model: type[Declaration]) -> str:
         schema = model.model_json_schema()
         tables = (schema, *schema.get("$defs", {}).values())
         fields = sorted({field for table in tables for field in table.get("properties", {})})
-        near = difflib.get_close_matches(str(error["loc"][-1]), fields, n=1)
+        given = str(error["loc"][-1])
+        if given in fields:
+            return "it does not belong here, but in another table."
+        near = difflib.get_close_matches(given, fields, n=1)
         return f"unknown field, the nearest is {near[0]!r}." if near else "unknown field."
     if error["type"].startswith("union_tag"):
         return "it is 'simulated', 'recorded' or 'transfer'."

@@ -1,6 +1,7 @@
 """Quality of the recorded data of a run, stored beside its results."""
 
 import json
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -23,26 +24,31 @@ from eitbench.scenarios.suites.scenario import RecordedScenario
 def write_notes(run: Path) -> None:
     """Write `recordings.json`: the notes of `noted` on the run directory `run`, if there are any.
 
+    Notes that it has already stay where the data are no longer here.
+
     Raises:
         InputError: `run` has no readable manifest.
     """
-    if found := noted(manifests.read(run)):
-        text = json.dumps(found, indent=2, allow_nan=False) + "\n"
-        atomic_write(run / NOTES_FILE, text.encode())
+    path, stored = run / NOTES_FILE, {}
+    with suppress(OSError, ValueError):
+        stored = json.loads(path.read_text())
+    if found := {**stored, **noted(manifests.read(run))}:
+        atomic_write(path, (json.dumps(found, indent=2, allow_nan=False) + "\n").encode())
 
 
 def noted(manifest: manifests.Manifest) -> dict[str, dict[str, float | None]]:
     """Return the figures of every recorded scenario of a run, by its name, see `notes_of`.
 
-    Scenarios whose data are no longer here are left out.
+    Scenarios whose data are no longer here, or are others than those of the run, are left out.
     """
     found: dict[str, dict[str, float | None]] = {}
     for scenario in manifests.suite_of(manifest).scenarios:
-        if isinstance(scenario, RecordedScenario) and scenario.name in manifest["data"]:
-            try:
-                found[scenario.name] = notes_of(scenario, manifest["data"][scenario.name]["n"])
-            except (DataUnavailableError, DataCorruptError):
-                continue
+        data = manifest["data"].get(scenario.name)
+        if not isinstance(scenario, RecordedScenario) or data is None:
+            continue
+        with suppress(DataUnavailableError, DataCorruptError):
+            if scenario.data_hash("test") == data["hash"]:
+                found[scenario.name] = notes_of(scenario, data["n"])
     return found
 
 

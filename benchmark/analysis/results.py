@@ -194,7 +194,8 @@ def _read_run(path: Path) -> Run:
     kinds = [kind for kind in RUN_KINDS.values() if (path / kind.table).is_file()]
     if not (path / SAMPLES).is_file() or not kinds:
         raise InputError(
-            f"The run in {path} has no results yet: finish it with `eitbench run --resume {path}`."
+            f"The run in {path} has no results yet: finish it with "
+            f"`{manifest.resume_command(path)}`."
         )
     notes, kind = path / NOTES_FILE, kinds[0]
     labels = ("scenario", kind.name, *kind.labels)

@@ -49,7 +49,7 @@ SEEN = float(stats.norm.isf(FALSE_ALARMS) + stats.norm.ppf(DETECTED))
 """z of what a one-sided test with 1 % false alarms finds in 90 % of cases: 3.61."""
 LATTICE = 20
 """Places of the lattice along the longer side of a sensor."""
-_LEAST_PIXELS = 1.5  # sampled on coarser pixels, the touch changes with its place in a pixel
+LEAST_PIXELS = 1.5  # sampled on coarser pixels, the touch changes with its place in a pixel
 _DIRECTIONS = ((1, 0), (0, 1), (1, 1), (1, -1))
 
 
@@ -198,11 +198,11 @@ def lattice(sensor: Sensor, radius: float) -> tuple[NDArray[np.int64], NDArray[n
     Raises:
         InputError: pixels too coarse for the radius [m], or nowhere room for such a touch.
     """
-    if radius < _LEAST_PIXELS * max(sensor.pixel_size):
+    if radius < LEAST_PIXELS * max(sensor.pixel_size):
         raise InputError(
             f"A touch of radius {1e3 * radius:.3g} mm is too small for the pixels of "
             f"{sensor.name!r}, {1e3 * max(sensor.pixel_size):.3g} mm: give a radius of at least "
-            f"{1e3 * _LEAST_PIXELS * max(sensor.pixel_size):.3g} mm, or the sensor a finer image."
+            f"{1e3 * LEAST_PIXELS * max(sensor.pixel_size):.3g} mm, or the sensor a finer image."
         )
     step = max(1, round(max(sensor.image_shape) / LATTICE))
     rows, columns = (

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eitbench.benchmark.design.bounds import (
+    LEAST_PIXELS,
     Maps,
     Noise,
     Touch,
@@ -90,9 +91,12 @@ def compare(
     touch = default_touch(sensor) if touch is None else touch
     if measurement_s is None:
         measurement_s = FRAME_S / sensor.n_measurements
-    for what, value in (("time of a measurement", measurement_s), ("frame rate", frame_rate)):
-        if value is not None and not 0 < value < np.inf:
-            raise InputError(f"The {what} has to be above 0, got {value:g}.")
+    if not 0 < measurement_s < np.inf:
+        raise InputError(
+            f"The time of a measurement has to be above 0 ms, got {1e3 * measurement_s:g}."
+        )
+    if frame_rate is not None and not 0 < frame_rate < np.inf:
+        raise InputError(f"The frame rate has to be above 0 frames/s, got {frame_rate:g}.")
     noise = noise_of(sensor, snr_db, drift)
     # All designs are made before the first is worked out, which takes time.
     made = [
@@ -107,9 +111,12 @@ def compare(
 
 
 def default_touch(sensor: Sensor) -> Touch:
-    """A touch of a tenth of the sensor's shorter side in diameter, 30 % less conductive."""
+    """A touch of a tenth of the sensor's shorter side in diameter, 30 % less conductive.
+
+    On coarse pixels it is larger: the smallest that they can show, see `lattice`.
+    """
     x0, y0, x1, y1 = sensor.outline.bounds
-    return Touch(0.05 * min(x1 - x0, y1 - y0))
+    return Touch(max(0.05 * min(x1 - x0, y1 - y0), LEAST_PIXELS * max(sensor.pixel_size)))
 
 
 def best(designs: Sequence[Design]) -> Design | None:

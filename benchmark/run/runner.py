@@ -378,7 +378,7 @@ def _execute(
         "finished": manifests.now() if ended else None,
     }
     store.write_manifest(manifest)
-    again = f"eitbench run --resume {store.path}"
+    again = manifests.resume_command(store.path)
     if limit.reached and unfinished and not interrupted:
         return replace(
             _result(store.path, manifest),
@@ -445,7 +445,7 @@ def _run_cells(
     errors = [future.exception() for future in futures if not future.cancelled()]
     for error in errors:
         if isinstance(error, EitbenchError):
-            raise UnfinishedError(str(error), f"eitbench run --resume {store.path}") from error
+            raise UnfinishedError(str(error), manifests.resume_command(store.path)) from error
         if error is not None and not isinstance(error, StoppedError):
             raise error
     return True

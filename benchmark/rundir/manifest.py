@@ -4,6 +4,7 @@ import importlib.metadata
 import json
 import os
 import platform
+import shlex
 import subprocess
 import sys
 from datetime import UTC, datetime
@@ -253,3 +254,8 @@ def suite_of(manifest: Manifest) -> Suite:
             "The manifest describes its suite in a way that this version of eitbench does not "
             "read: run the suite again."
         ) from error
+
+
+def resume_command(run: Path) -> str:
+    """The command that continues the run directory, to be pasted into a shell."""
+    return f"eitbench run --resume {shlex.quote(str(run))}"

@@ -20,6 +20,7 @@ import pandas as pd
 from eitbench.benchmark.rundir import lock, manifest
 from eitbench.benchmark.rundir.cells import Batch, Cell
 from eitbench.benchmark.rundir.kinds import RunKind
+from eitbench.benchmark.rundir.manifest import resume_command
 from eitbench.benchmark.rundir.plan import PluginFile
 from eitbench.benchmark.rundir.run_arrays import Truth, write_arrays
 from eitbench.benchmark.rundir.tables import read_parquet, write_parquet
@@ -59,7 +60,7 @@ class RunStore:
         if path.is_dir() and not _unused(path):
             raise InputError(
                 f"The output folder {path} is not empty: choose another with --out, or continue "
-                f"a run in it with `eitbench run --resume {path}`."
+                f"a run in it with `{resume_command(path)}`."
             )
         with writing(path):
             (path / "logs").mkdir(parents=True, exist_ok=True)

@@ -30,6 +30,7 @@ from eitbench.scenarios.recordings.files.csv_mat import (
 from eitbench.scenarios.recordings.files.own import off_sensor, undamaged
 from eitbench.scenarios.recordings.files.pairs import from_differences
 from eitbench.scenarios.recordings.files.recording_file import Content, label_table
+from eitbench.scenarios.recordings.quality import metres_as_millimetres
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.storage.try_reading import try_reading
 
@@ -98,7 +99,9 @@ def import_recording(
 
 
 def _off_sensor(content: Content) -> list[str]:
-    """A sentence on the places outside the sensor, if there are any."""
+    """A sentence on places outside the sensor, or all at nearly the same place, if they are."""
+    if why := metres_as_millimetres(content):
+        return [why]
     if not (away := off_sensor(content)).size:
         return []
     x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]

@@ -208,7 +208,12 @@ class Recorder:
             file = h5py.File(self.path, "x", libver="latest")
         except OSError as error:
             check_new(self.path)  # another program may just have made it
-            reason = os.strerror(error.errno) if error.errno else "is the folder there?"
+            if not self.path.parent.is_dir():
+                raise RecorderError(
+                    f"Cannot write the recording {self.path}: make the folder {self.path.parent} "
+                    "first."
+                ) from error
+            reason = os.strerror(error.errno) if error.errno else str(error)
             raise RecorderError(f"Cannot write the recording {self.path}: {reason}.") from error
         return file
 

@@ -12,7 +12,7 @@ from eitbench.methods.training.request import (
     TrainingInterruptedError,
     TrainingRequest,
 )
-from eitbench.scenarios.errors import unknown_name
+from eitbench.scenarios.errors import InputError, unknown_name
 
 if TYPE_CHECKING:
     from eitbench.methods.training.job import TrainingResult
@@ -43,6 +43,10 @@ def train(request: TrainingRequest) -> TrainingResult:
 
     known = METHOD_REGISTRY.known() | OPERATOR_REGISTRY.known()
     trainable = {name: cls for name, cls in known.items() if issubclass(cls, Trainable)}
+    if request.name in known and request.name not in trainable:
+        raise InputError(
+            f"{request.name!r} has no training of its own; these have: {', '.join(trainable)}."
+        )
     if request.name not in trainable:
         raise unknown_name("name to train", request.name, trainable)
     model = trainable[request.name]

@@ -194,7 +194,8 @@ class TrainingJob:
         if count < least:
             raise InputError(
                 f"{count} training samples are too few: scenario {self.scenario.name!r} declares "
-                f"{declared}, and training takes at least {least}."
+                f"{declared}, and training takes at least {least}: declare more (`train` in the "
+                "suite file), or give a higher --limit."
             )
         return count
 

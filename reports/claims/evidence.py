@@ -12,6 +12,7 @@ from eitbench.benchmark.analysis.leaderboard import Row, leaderboard_rows
 from eitbench.benchmark.analysis.results import Run, failures
 from eitbench.benchmark.rundir.few_bytes import with_short_hashes
 from eitbench.benchmark.rundir.kinds import SHARED, RunKind
+from eitbench.benchmark.rundir.manifest import resume_command
 from eitbench.reports.studies.summaries import StudySummary
 
 SCENARIO = "paper"
@@ -120,7 +121,7 @@ class Evidence:
         if row["data_n"] != len(samples):
             raise NotMeasuredError(
                 f"{run.path} holds {len(samples)} of {row['data_n']} samples of {name!r}: finish "
-                f"it with `eitbench run --resume {run.path}`."
+                f"it with `{resume_command(run.path)}`."
             )
         return Measured(run, row, samples)
 

@@ -18,4 +18,6 @@ def impossible(frames: Array) -> NDArray[np.intp]:
 def peak(frame: Array) -> str:
     """The impossible value of a frame (M,), and what is possible, to be said in a sentence."""
     wrong = int(np.argmin(np.abs(frame) < MAX_VALUE))
+    if not np.isfinite(frame[wrong]):
+        return f"{frame[wrong]} as value {wrong}, which is no number"
     return f"{frame[wrong]:.3g} V/A as value {wrong}, where less than {MAX_VALUE:.0e} is possible"

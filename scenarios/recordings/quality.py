@@ -347,18 +347,29 @@ _ON_A_LINE = 0.1
 image of them fits about as well: that of the public sets is 0.88 and more."""
 
 
+def metres_as_millimetres(content: Content) -> str:
+    """What makes places look like metres in columns of millimetres, a sentence; "" if nothing."""
+    places = content.labels[["x_m", "y_m"]].dropna().to_numpy(dtype=np.float64)
+    if len(places) < _LEAST or not np.ptp(places, axis=0).any():  # of one place nothing is told
+        return ""
+    extent, (x0, y0, x1, y1) = np.ptp(places, axis=0).max(), content.sensor.outline.bounds
+    in_metres = content.sensor.outline.contains(*(1e3 * places).T).all()
+    if extent >= _SMALL * max(x1 - x0, y1 - y0) or not in_metres:
+        return ""
+    return (
+        f"All places lie within {1e3 * extent:.2g} mm of each other: were metres imported as "
+        "millimetres?"
+    )
+
+
 def _places(content: Content) -> list[str]:
     """What is wrong with the places of all touches together."""
     places = content.labels[["x_m", "y_m"]].dropna().to_numpy(dtype=np.float64)
     if len(places) < _LEAST or not np.ptp(places, axis=0).any():  # of one place nothing is told
         return []
-    extent, (x0, y0, x1, y1) = np.ptp(places, axis=0).max(), content.sensor.outline.bounds
-    in_metres = content.sensor.outline.contains(*(1e3 * places).T).all()
-    if extent < _SMALL * max(x1 - x0, y1 - y0) and in_metres:
-        return [
-            f"All places lie within {1e3 * extent:.2g} mm of each other: were metres imported as "
-            "millimetres?"
-        ]
+    if why := metres_as_millimetres(content):
+        return [why]
+    x0, y0, x1, y1 = content.sensor.outline.bounds
     touches = content.labels[["x_m", "y_m"]].groupby(touches_of(content.labels)[0])
     middles = touches.mean().to_numpy(dtype=np.float64)
     registering = middles[np.array(validation_every_fifth(len(middles))) == "validation"]

@@ -1,6 +1,7 @@
 """The front door: help, listings, one sentence for every error, exit codes."""
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -32,6 +33,16 @@ def test_every_command_has_help_with_an_example(command: tuple[str, ...], eitben
     code, out, _ = eitbench(*command, "--help")
     assert code == 0
     assert f"Example: eitbench {' '.join(command)}" in " ".join(out.split())
+
+
+def test_help_has_no_words_in_brackets() -> None:
+    """The terminal takes "[mm]" for the name of a style, and shows nothing."""
+    for words in commands(get_command(cli.app)):
+        command: Any = get_command(cli.app)
+        for word in words:
+            command = command.commands[word]
+        texts = [command.help, *(getattr(param, "help", "") for param in command.params)]
+        assert not [text for text in texts if re.search(r"\[[a-z]", text or "", re.IGNORECASE)]
 
 
 def test_version(eitbench: Run) -> None:

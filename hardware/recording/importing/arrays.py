@@ -132,7 +132,8 @@ def find_frames(arrays: Arrays, sensor: Sensor, path: Path, choice: Choice) -> F
     if (wrong := impossible(values)).size:
         raise DataCorruptError(
             f"{path} cannot be imported: frame {wrong[0]} (counted from 0) holds "
-            f"{peak(values[wrong[0]])}."
+            f"{peak(values[wrong[0]])}. Leave such frames out; where a value is missing in all of "
+            "them, as of an electrode without contact, write 0 for it."
         )
     return FoundFrames(values, name, how)
 

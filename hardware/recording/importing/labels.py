@@ -1,6 +1,7 @@
 """Labels of touches: columns of a sheet or of files of frames, as the table of a recording."""
 
 import re
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -151,9 +152,15 @@ def array_labels(arrays: Arrays, given: str, path: Path) -> pd.DataFrame:
 
 
 def moved(table: pd.DataFrame, origin_mm: tuple[float, float] | None) -> pd.DataFrame:
-    """The labels with places from another origin, which lies at `origin_mm` on the sensor."""
+    """The labels with places from another origin, which lies at `origin_mm` on the sensor.
+
+    Raises:
+        InputError: there are no places to move.
+    """
     if origin_mm is None:
         return table
+    if not _has_place(table).any():
+        raise InputError("--origin moves places, and the labels have none.")
     places = zip(("x_m", "y_m"), origin_mm, strict=True)
     return table.assign(**{k: table[k] + mm / 1e3 for k, mm in places if k in table})
 
@@ -190,11 +197,10 @@ def read_sheet(arrays: Arrays, path: Path) -> tuple[pd.DataFrame, list[str]]:
 
 def placed(
     table: pd.DataFrame, files: list[FramesOf], reference: Index, path: Path
-) -> tuple[pd.DataFrame, str, int]:
+) -> tuple[pd.DataFrame, str, Counter[str]]:
     """The labels with `first` and `last` as rows of the recording, and how these were found.
 
-    The number says how many rows are left out, as they tell nothing of a touch, beside those for
-    frames of the reference.
+    The counter says how many rows are left out, by the reason why.
 
     Args:
         table: as `parsed` gives it.
@@ -209,7 +215,7 @@ def placed(
     touched = np.setdiff1d(frames, reference)
     has_rows = "frame" in table or {"first", "last"} <= set(table)
     base: Index | int = files[0].start  # that rows of frames are counted from
-    left_out = 0
+    left_out = Counter[str]()
     if "file" in table:
         how = "by the names of the files"
         of = [_file(name, k, files, path) for k, name in enumerate(table["file"])]
@@ -225,9 +231,12 @@ def placed(
         how = "row by row, for the frames"
         rows = frames if len(table) == len(frames) else touched
         # A row without a word about a touch is for a frame without one.
-        of_touches = ~np.isin(rows, reference)
+        of_touches, has_place = ~np.isin(rows, reference), _has_place(table)
         marks = _described(table) & of_touches
-        left_out = int((of_touches & ~marks).sum())
+        left_out[" without a place or another value"] = int((of_touches & ~marks).sum())
+        left_out[" with a place, for frames of the reference"] = int(
+            (~of_touches & has_place).sum()
+        )
         table, of = table[marks], [FramesOf(path, row, 1) for row in rows[marks].tolist()]
     else:
         raise InputError(
@@ -269,6 +278,23 @@ def _touched(file: FramesOf, touched: Index) -> FramesOf:
     if not rows.size:
         return file
     return FramesOf(file.path, int(rows[0]), int(rows[-1] - rows[0]) + 1)
+
+
+def without_touch(table: pd.DataFrame, files: list[FramesOf], reference: Index) -> list[str]:
+    """Names of the files that the labels of `placed` say no touch of, but those of references."""
+    ends = table[["first", "last"]].to_numpy() if len(table) else np.empty((0, 2))
+    names = []
+    for file in files:
+        rows = np.arange(file.start, file.start + file.count)
+        touched = ((ends[:, 0] <= rows[-1]) & (ends[:, 1] >= rows[0])).any()
+        if not touched and not np.isin(rows, reference).all():
+            names.append(file.path.name)
+    return names
+
+
+def _has_place(table: pd.DataFrame) -> NDArray[np.bool_]:
+    """True (n,) for the rows with both coordinates of a place."""
+    return table.reindex(columns=["x_m", "y_m"]).notna().all(axis=1).to_numpy()
 
 
 def _described(table: pd.DataFrame) -> NDArray[np.bool_]:

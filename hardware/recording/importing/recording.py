@@ -63,7 +63,7 @@ def import_files(
     sheet = _sheet(options.labels)
     beside = [*reference_paths(options.reference), *([sheet] if sheet else [])]
     paths, others = found_files(sources, beside)
-    files = [_one_of(paths, path, sensor, options.frames) for path in paths]
+    files = [_one_of(paths, path, sensor, options) for path in paths]
     hows = Counter(file.frames.how for file in files)
     said = [f"From {counted(count, 'file')}: {how}." for how, count in hows.items()]
     if others:
@@ -151,10 +151,10 @@ def _pairs(
     return before, file
 
 
-def _one_of(paths: list[Path], path: Path, sensor: Sensor, choice: Choice) -> FrameFile:
+def _one_of(paths: list[Path], path: Path, sensor: Sensor, options: ImportOptions) -> FrameFile:
     """The file at `path`, which may be one that only lies beside the files of frames."""
     try:
-        return _read(path, sensor, choice)
+        return _read(path, sensor, options)
     except DataCorruptError as error:
         if len(paths) == 1:
             raise
@@ -163,13 +163,14 @@ def _one_of(paths: list[Path], path: Path, sensor: Sensor, choice: Choice) -> Fr
         ) from error
 
 
-def _read(path: Path, sensor: Sensor, choice: Choice) -> FrameFile:
-    arrays = read_arrays(path)
+def _read(path: Path, sensor: Sensor, options: ImportOptions) -> FrameFile:
+    arrays, choice = read_arrays(path), options.frames
+    taken = {REFERENCE, options.released, (options.reference or "").removeprefix("array:")}
     # `reference` and `label_...` are what our exported files call them.
     others = {
         name: array
         for name, array in arrays.items()
-        if choice.name == name or not (name == REFERENCE or sheets.is_label(name))
+        if choice.name == name or not (name in taken or sheets.is_label(name))
     }
     return FrameFile(path, arrays, find_frames(others, sensor, path, choice))
 
@@ -200,6 +201,9 @@ def _of_sheet(path: Path, parts: list[FramesOf], reference: Index) -> tuple[pd.D
     labels, unused = sheets.read_sheet(read_arrays(paths[0]), paths[0])
     table, how, left_out = sheets.placed(labels, parts, reference, path)
     said = touches(table, f"{path} ({how})") + _left_out(left_out)
+    if missed := sheets.without_touch(table, parts, reference):
+        named = ", ".join(missed[:3]) + (" ..." if len(missed) > 3 else "")
+        said += f" Without a touch: {len(missed)} of {len(parts)} files ({named})."
     return table, f"{said} Not used: {', '.join(unused)}." if unused else said
 
 
@@ -210,7 +214,7 @@ def _label_table(
     if (sheet := _sheet(options.labels)) is not None:
         table, said = _of_sheet(sheet, parts, reference)
         return sheets.moved(table, options.origin_mm), said
-    tables, left_out = [], 0
+    tables, left_out = [], Counter[str]()
     for file, part in zip(files, parts, strict=True):
         beside = {n: a for n, a in file.arrays.items() if n != file.frames.name}
         if options.labels is not None or any(map(sheets.is_label, beside)):
@@ -223,6 +227,7 @@ def _label_table(
             tables.append(table)
             left_out += without
     if not tables:
+        sheets.moved(pd.DataFrame(), options.origin_mm)
         return pd.DataFrame(), (
             "Touches: none, since the files hold no labels and --labels names no sheet of them."
         )
@@ -231,9 +236,10 @@ def _label_table(
     return table, touches(table, by) + _left_out(left_out)
 
 
-def _left_out(count: int) -> str:
-    """A sentence on rows of labels that say nothing, to follow another."""
-    return f" Left out: {counted(count, 'row')} without a place or another value." if count else ""
+def _left_out(counts: Counter[str]) -> str:
+    """A sentence on rows of labels that are not used, by the reason why, to follow another."""
+    said = [counted(count, "row") + why for why, count in counts.items() if count]
+    return f" Left out: {', '.join(said)}." if said else ""
 
 
 def touches(table: pd.DataFrame, by: str) -> str:

@@ -120,7 +120,8 @@ def arrays_of(path: Path) -> Arrays:
     except MemoryError:
         raise
     except Exception as error:  # a damaged file fails in whatever way the damage leads to
-        raise DataCorruptError(f"{path} cannot be imported: {error}.") from error
+        reason = str(error).rstrip(".")
+        raise DataCorruptError(f"{path} cannot be imported: {reason}.") from error
 
 
 def is_own(path: Path) -> bool:
@@ -288,10 +289,17 @@ def _is_hdf5(path: Path) -> bool:
 
 
 def _npy(path: Path) -> Arrays:
-    return {TABLE: np.array(np.load(path, mmap_mode="r", allow_pickle=False))}
+    try:
+        return {TABLE: np.array(np.load(path, mmap_mode="r", allow_pickle=False))}
+    except ValueError as error:
+        raise ValueError(
+            "it is damaged, or holds Python objects: save plain numbers with numpy.save"
+        ) from error
 
 
 def _npz(path: Path) -> Arrays:
+    if not zipfile.is_zipfile(path):
+        raise ValueError("it is damaged, or was not written by numpy.savez")
     with zipfile.ZipFile(path) as archive:
         _refuse_expansion(archive, path)
     with np.load(path, allow_pickle=False) as arrays:

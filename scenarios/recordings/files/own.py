@@ -1,5 +1,6 @@
 """Recordings of one's own as recorded sets, beside the public ones."""
 
+import shlex
 from functools import lru_cache, partial
 from pathlib import Path
 
@@ -112,8 +113,8 @@ def _usable(path: Path) -> Content:
         if not marked:
             raise InputError(
                 f"{path} has no {name}, so that methods cannot be compared on it: record with "
-                f"--guided, or give them by `eitbench recordings import {path} {option} --out "
-                "NEW.h5`."
+                f"--guided, or give them by `eitbench recordings import {shlex.quote(str(path))} "
+                f"{option} --out NEW.h5`."
             )
     if len(wrong := impossible(content.values)):
         raise DataCorruptError(

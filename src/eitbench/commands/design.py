@@ -23,7 +23,7 @@ def design(
         typer.Option(
             min=0,
             max=200,
-            help="SNR of a frame of the sensor as it is given [dB]; has to be given.",
+            help="SNR in dB of a frame of the sensor as it is given; has to be given.",
         ),
     ] = None,
     drift: Annotated[
@@ -42,14 +42,17 @@ def design(
     ] = None,
     radius: Annotated[
         float | None,
-        typer.Option(help="Radius of the touch [mm] (default: 5 % of the sensor's shorter side)."),
+        typer.Option(
+            help="Radius of the touch in mm (default: 5 % of the sensor's shorter side, and at "
+            "least 1.5 pixels)."
+        ),
     ] = None,
     contrast: Annotated[
         float, typer.Option(help="Its greatest contrast over the background, above -1.")
     ] = -0.3,
     measurement_ms: Annotated[
         float | None,
-        typer.Option(help="Time of one value [ms] (default: 10 frames/s of the sensor as it is)."),
+        typer.Option(help="Time of one value in ms (default: 10 frames/s of the sensor as it is)."),
     ] = None,
     frame_rate: Annotated[
         float | None,

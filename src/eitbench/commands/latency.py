@@ -24,7 +24,9 @@ def latency(
             metavar="SENSOR|SET", help="A sensor's name or file, .toml, or a recorded set."
         ),
     ],
-    snr: Annotated[float | None, typer.Option(help="SNR of a frame [dB]; has to be given.")] = None,
+    snr: Annotated[
+        float | None, typer.Option(help="SNR of a frame in dB; has to be given.")
+    ] = None,
     methods: Annotated[
         str, typer.Option(metavar="A,B", help="Methods that can be used live.")
     ] = "noser",
@@ -32,10 +34,10 @@ def latency(
     touches: Annotated[int, typer.Option(min=1, help="Number of places and phases.")] = 20,
     radius: Annotated[
         float | None,
-        typer.Option(help="Radius of the touch [mm] (default: 5 % of the sensor's shorter side)."),
+        typer.Option(help="Radius of the touch in mm (default: 5 % of the sensor's shorter side)."),
     ] = None,
     reference_age: Annotated[
-        float, typer.Option(help="Age of the reference before the first frame [s].")
+        float, typer.Option(help="Age of the reference before the first frame, in s.")
     ] = 10.0,
     seed: Annotated[int, typer.Option(min=0, help="Of places, phases and units.")] = 0,
     out: Annotated[

@@ -76,6 +76,8 @@ def tune(
             "(docs/tuning.md)."
         )
     typer.echo(f"Selected hyper-parameters: {folder}")
+    if out is not None:
+        typer.echo("Runs use those in your cache: tune without --out to put them there.")
 
 
 def _figures(choice: "Selection") -> str:

@@ -130,7 +130,7 @@ def import_command(
         tuple[float, float] | None,
         typer.Option(
             metavar="X_MM Y_MM",
-            help="Where the origin of the places lies on the sensor [mm], if it is another.",
+            help="Where the origin of the places lies on the sensor, in mm, if it is another.",
         ),
     ] = None,
     reference: Annotated[

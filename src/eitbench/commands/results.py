@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eitbench.commands.console import Json, names_in, print_json, print_renderable, warn, width
+from eitbench.scenarios.errors import InputError
 
 if TYPE_CHECKING:
     from eitbench.benchmark.analysis.comparison import RunComparison
@@ -38,7 +39,10 @@ def leaderboard(
     names = names_in("--columns", columns)
     rows = reports.ranked_rows(runs, [*names, *([sort] if sort else [])])
     if not rows:
-        warn(f"There are no rows in {', '.join(map(str, runs))}: nothing was finished there.")
+        raise InputError(
+            f"There are no rows in {', '.join(map(str, runs))}: nothing was finished there; "
+            "`eitbench run --resume` continues a run."
+        )
     chosen = reports.chosen_columns(rows, names) if names else []
     if sort is not None:
         rows = reports.sorted_rows(rows, sort)

@@ -68,7 +68,8 @@ def test_guessing_the_mean_force_is_the_baseline_of_forces(tmp_path: Path) -> No
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     """A run directory of the recorded suite, of which one scenario was run."""
-    ran = {"hash": "c0ffee", "n": 36, "inverse_crime": None, "sensor": "ohmc16"}
+    of_set = scenario("ohmc16").data_hash("test")
+    ran = {"hash": of_set, "n": 36, "inverse_crime": None, "sensor": "ohmc16"}
     write_manifest(tmp_path, "recorded", {"ohmc16": ran}, [])
     with edited_manifest(tmp_path) as manifest:
         manifest["plan"]["suite"] = load_suite("recorded").model_dump(mode="json")
@@ -79,6 +80,16 @@ def test_notes_are_kept_for_the_recorded_scenarios_that_were_run(run: Path) -> N
     write_notes(run)
     known = {"ohmc16": notes_of(scenario("ohmc16"), 36)}
     assert json.loads((run / "recordings.json").read_text()) == known
+
+
+def test_notes_stay_those_of_the_data_that_were_run(run: Path) -> None:
+    """A recording that was replaced under its name says nothing of the run."""
+    write_notes(run)
+    before = (run / "recordings.json").read_bytes()
+    with edited_manifest(run) as manifest:
+        manifest["data"]["ohmc16"] |= {"hash": "c0ffee", "n": 12}
+    write_notes(run)
+    assert (run / "recordings.json").read_bytes() == before
 
 
 def test_without_data_there_are_no_notes(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:

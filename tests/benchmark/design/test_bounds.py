@@ -13,11 +13,13 @@ from eitbench.benchmark.design.bounds import (
     Sensitivity,
     Touch,
     changes_and_derivatives,
+    lattice,
     maps,
     noise_of,
     sensitivity,
     whitened,
 )
+from eitbench.benchmark.design.designs import default_touch
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
@@ -198,6 +200,12 @@ def test_two_touches_at_the_bound_are_told_apart_by_what_one_touch_leaves(
             np.linalg.norm(extra - tangents @ np.linalg.lstsq(tangents, extra, rcond=None)[0])
         )
     assert min(left) == pytest.approx(SEEN, rel=0.05)
+
+
+def test_the_default_touch_is_one_that_the_pixels_can_show() -> None:
+    coarse = replace(foam16(), image_shape=(16, 20))
+    assert default_touch(foam16()).radius == pytest.approx(0.005)
+    assert len(lattice(coarse, default_touch(coarse).radius)) == 2
 
 
 @pytest.mark.parametrize(("radius", "words"), [(0.001, "too small"), (0.06, "no room")])

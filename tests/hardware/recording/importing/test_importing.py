@@ -219,6 +219,28 @@ def test_other_columns_of_a_sheet_are_told(tmp_path: Path, imported: Import) -> 
     assert content.labels["x_m"].tolist() == [0.01, 0.01]
 
 
+def test_what_a_sheet_says_nothing_of_is_told(tmp_path: Path, imported: Import) -> None:
+    """Presses that would be taken for the untouched sensor, files that would be lost, metres."""
+    np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
+    sheet = tmp_path / "sheet.csv"
+    sheet.write_text("x_mm,y_mm\n,\n10,20\n10,30\n20,10\n20,20\n20,30\n")
+    content, said = imported("a.csv", labels=sheet, reference="first:3")
+    assert "Left out: 2 rows with a place, for frames of the reference." in said
+    assert content.labels["first"].tolist() == [3, 4, 5]
+    for name in "bcdef":
+        np.savetxt(tmp_path / f"{name}.csv", VALUES[:2], delimiter=",")
+    rows = [f"{name},{k},{0.01 * k + 0.02},0.0{k + 2}" for name in "abd" for k in range(2)]
+    sheet.write_text("\n".join(["file,frame,x_mm,y_mm", *rows]))
+    _, said = imported(*(f"{name}.csv" for name in "abcdef"), labels=sheet)
+    assert "Without a touch: 3 of 6 files (c.csv, e.csv, f.csv)." in said
+    assert "were metres imported as millimetres?" in said
+    np.savez(tmp_path / "pairs.npz", down=VALUES, up=VALUES + 1)
+    content, _ = imported("pairs.npz", released="up")
+    assert len(content) == 2 * len(VALUES)
+    with pytest.raises(InputError, match="--origin moves places, and the labels have none"):
+        imported("a.csv", reference="first:2", origin_mm=(1.0, 2.0))
+
+
 def test_rows_of_labels_that_are_left_out_are_counted(tmp_path: Path, imported: Import) -> None:
     table = pd.DataFrame(VALUES, columns=NAMES)
     table.to_csv(tmp_path / "a.csv", index=False)
@@ -699,7 +721,10 @@ def test_bad_files_of_differences_are_one_sentence(tmp_path: Path) -> None:
     for text, says in (
         (lines(changes[:, 1:]), r"208 values each: it holds values \(6 x 207\)"),
         ([*whole[:3], whole[3].rpartition(",")[0], *whole[4:]], "line 4 has 207 values, and those"),
-        ([*whole[:3], empty, *whole[4:]], r"frame 3 \(counted from 0\) holds nan V/A"),
+        (
+            [*whole[:3], empty, *whole[4:]],
+            r"frame 3 \(counted from 0\) holds nan as value 0, which is no number\. Leave",
+        ),
         (whole[:4], "6 rows of labels for 4 frames"),
     ):
         source.write_text("\n".join(text), encoding="utf-8-sig")
