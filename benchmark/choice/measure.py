@@ -41,7 +41,7 @@ TUNING_SHARE = 0.05
 
 
 @dataclass(frozen=True)
-class Trial:
+class MethodTrial:
     """A finished trial of one method.
 
     Attributes:
@@ -96,7 +96,7 @@ def choose(
     names, unusable = candidates(methods, deciding.nominal_sensor)
     progress = progress or RunProgress(quiet=True)
     budget = TuningBudget(seconds=TUNING_SHARE * time_limit_s)
-    trials: list[Trial] = []
+    trials: list[MethodTrial] = []
 
     def attempt(method: str) -> bool:
         parameters, chosen_by = parameters_of(deciding, method, suite, budget, out / "tuning")
@@ -106,7 +106,9 @@ def choose(
         if run.unfinished:
             return False
         samples, cells = (read_parquet(run.path / name) for name in (SAMPLES, METHOD_RUNS.table))
-        trials.append(Trial(method, parameters, chosen_by, samples, cells.set_index("scenario")))
+        trials.append(
+            MethodTrial(method, parameters, chosen_by, samples, cells.set_index("scenario"))
+        )
         return True
 
     not_tried = within_limit(names, lambda: clock() < end, attempt)
@@ -166,7 +168,9 @@ def parameters_of(
     return {}, "default"
 
 
-def decide(trials: Sequence[Trial], decided_on: str, frame_rate: float, **about: Any) -> Choice:
+def decide(
+    trials: Sequence[MethodTrial], decided_on: str, frame_rate: float, **about: Any
+) -> Choice:
     """Return the choice among the methods that were tried.
 
     Args:
@@ -220,7 +224,7 @@ def decide(trials: Sequence[Trial], decided_on: str, frame_rate: float, **about:
     )
 
 
-def _errors(trials: Sequence[Trial], scenario: str) -> pd.DataFrame:
+def _errors(trials: Sequence[MethodTrial], scenario: str) -> pd.DataFrame:
     """Errors of the place [mm] of every sample, with its cluster as index, and method (columns)."""
     columns = {}
     for trial in trials:

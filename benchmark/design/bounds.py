@@ -138,7 +138,7 @@ class Maps:
 
 
 @dataclass(frozen=True, eq=False)
-class Sensitivity:
+class WhitenedJacobian:
     """Changes of frames in units of their noise, without what is redundant in them.
 
     `rows` (K, H, W) is such that |rows dsigma| is |C^-1/2 J dsigma| for every image dsigma [S/m];
@@ -150,7 +150,7 @@ class Sensitivity:
     singular: Array
 
 
-def sensitivity(sensor: Sensor, noise: Noise) -> Sensitivity:
+def whitened_jacobian(sensor: Sensor, noise: Noise) -> WhitenedJacobian:
     """The Jacobian of `sensor` at the untouched state, whitened by the covariance of `noise`."""
     changes = _changes(sensor)
     covariance = 2 * noise.std**2 * np.eye(len(changes))
@@ -165,7 +165,7 @@ def sensitivity(sensor: Sensor, noise: Noise) -> Sensitivity:
     return whitened(sensor, covariance)
 
 
-def whitened(sensor: Sensor, covariance: Array) -> Sensitivity:
+def whitened(sensor: Sensor, covariance: Array) -> WhitenedJacobian:
     """The Jacobian of `sensor`, whitened by any `covariance` (M, M) of a frame's change [V^2/A^2].
 
     Raises:
@@ -182,7 +182,7 @@ def whitened(sensor: Sensor, covariance: Array) -> Sensitivity:
         ) from None
     _, singular, right = np.linalg.svd(white, full_matrices=False)
     rows = (singular[:, None] * right).reshape(-1, *sensor.image_shape)
-    return Sensitivity(sensor, rows, singular)
+    return WhitenedJacobian(sensor, rows, singular)
 
 
 def _changes(sensor: Sensor) -> Array:
@@ -226,7 +226,7 @@ def room(sensor: Sensor, radius: float) -> NDArray[np.bool_]:
 
 
 def changes_and_derivatives(
-    of: Sensitivity, touch: Touch, rows: NDArray[np.int64], columns: NDArray[np.int64]
+    of: WhitenedJacobian, touch: Touch, rows: NDArray[np.int64], columns: NDArray[np.int64]
 ) -> tuple[Array, Array]:
     """Whitened changes (rows, columns, K) by a touch at pixel centres, and their derivatives.
 
@@ -251,7 +251,7 @@ def changes_and_derivatives(
     return change, np.stack([east, north, change, wider], axis=-1)
 
 
-def maps(of: Sensitivity, touch: Touch) -> Maps:
+def maps(of: WhitenedJacobian, touch: Touch) -> Maps:
     """The bounds of a touch over the lattice of the sensor, see the module's description.
 
     Raises:
@@ -300,7 +300,7 @@ def _ambiguous(places: Array, changes: Array, far: Array) -> NDArray[np.bool_]:
 
 
 def _two_points(
-    of: Sensitivity,
+    of: WhitenedJacobian,
     touch: Touch,
     rows: NDArray[np.int64],
     columns: NDArray[np.int64],

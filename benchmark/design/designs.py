@@ -18,7 +18,7 @@ from eitbench.benchmark.design.bounds import (
     averaged,
     maps,
     noise_of,
-    sensitivity,
+    whitened_jacobian,
 )
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
@@ -216,7 +216,7 @@ def _worked_out(
     frame_s = measurement_s * sensor.n_measurements
     # Rounding must not make a frame of exactly the time that there is too long.
     frames = 1 if frame_rate is None else int(1 / (frame_rate * frame_s) + 1e-9)
-    of = sensitivity(sensor, averaged(noise, max(frames, 1)))
+    of = whitened_jacobian(sensor, averaged(noise, max(frames, 1)))
     independent = independent_measurements(sensor.pattern)
     # The norm of the touch's image; the integral of exp(-2 d^2 / r^2) is pi r^2 / 2.
     pixels = np.pi * touch.radius**2 / 2 / np.prod(sensor.pixel_size)

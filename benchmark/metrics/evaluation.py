@@ -32,7 +32,7 @@ _TURNS = 24
 """Tried where the middles of touches may say nothing, each mirrored, too."""
 REGISTRATION_FRAMES = 100
 """Validation presses, the first ones, that register a method's images with the robot."""
-LEAST_PRESSES = 3
+LEAST_REGISTRATION_PRESSES = 3
 """Fewer validation presses determine no registration."""
 
 
@@ -176,7 +176,7 @@ def _refitted(similarity: Similarity, validation: Known, contrast: Array) -> Sim
 
 def _turned(target: Array, source: Array) -> list[Similarity]:
     """Similarities that map the centre and the spread of `source` (m, 2) onto those of `target`."""
-    if len(source) < LEAST_PRESSES or not np.ptp(source, axis=0).any():
+    if len(source) < LEAST_REGISTRATION_PRESSES or not np.ptp(source, axis=0).any():
         return []
     scale = float(np.sqrt(np.var(target, axis=0).sum() / np.var(source, axis=0).sum()))
     angles = np.deg2rad(np.arange(0, 360, 360 / _TURNS))

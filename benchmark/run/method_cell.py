@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter
 
 from eitbench.benchmark.metrics.evaluation import (
-    LEAST_PRESSES,
+    LEAST_REGISTRATION_PRESSES,
     REGISTRATION_FRAMES,
     Scorer,
     fit_calibration,
@@ -116,12 +116,13 @@ class MethodData(CellData):
         if test.truth != "position" and not knows_loads(test.samples, test.truth):
             return cls(scenario, test, familiar, reference, usual, None)
         validation = load(familiar, split="validation", limit=REGISTRATION_FRAMES)
-        if test.truth == "position" and len(validation) < LEAST_PRESSES:
+        least = LEAST_REGISTRATION_PRESSES
+        if test.truth == "position" and len(validation) < least:
             # Every fifth press is for validation, the first one among them.
             raise InputError(
                 f"Scenario {scenario.name!r} has {len(validation)} validation presses (every fifth "
-                f"touch), and at least {LEAST_PRESSES} are needed to find how images map to "
-                f"places: record at least {5 * (LEAST_PRESSES - 1) + 1} touches."
+                f"touch), and at least {least} are needed to find how images map to places: "
+                f"record at least {5 * (least - 1) + 1} touches."
             )
         return cls(scenario, test, familiar, reference, usual, validation)
 

@@ -15,7 +15,7 @@ from eitbench.benchmark.metrics.place_errors import LEAST_PRESSES
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 
-METHODS = 3
+MAPPED_METHODS = 3
 """The best ones, whose errors are mapped."""
 _PRESSES_A_SQUARE = 12
 _RIM = 128
@@ -24,7 +24,7 @@ _RIM = 128
 def error_maps(
     methods: Mapping[str, tuple[Run, str]], cells: Mapping[str, pd.DataFrame], scenario: str
 ) -> dict[str, Any] | None:
-    """Map the errors of the first `METHODS` methods; None without places or with few presses.
+    """Map the errors of the first `MAPPED_METHODS` methods; None without places or few.
 
     Args:
         methods: the run and the name of each method, by its label, the best first.
@@ -42,7 +42,7 @@ def error_maps(
     """
     shown = {
         label: cells[label].sort_values("sample")
-        for label in list(methods)[:METHODS]
+        for label in list(methods)[:MAPPED_METHODS]
         if cells[label]["expected_x_m"].notna().all()
     }
     if not shown or min(map(len, shown.values())) < LEAST_PRESSES:

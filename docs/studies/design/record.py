@@ -45,7 +45,7 @@ from scipy import stats
 from scipy.spatial import cKDTree
 
 from eitbench import __version__
-from eitbench.benchmark.design.bounds import Sensitivity, Touch, maps, room, whitened
+from eitbench.benchmark.design.bounds import Touch, WhitenedJacobian, maps, room, whitened
 from eitbench.benchmark.rundir.manifest import git_commit
 from eitbench.methods.place_method import PlaceProblem
 from eitbench.methods.places.by_image import create_place_method
@@ -114,7 +114,7 @@ def left_by_model(changes: Array, modelled: Array) -> Array:
     return np.asarray(changes - strength[:, None] * modelled)
 
 
-def bound_at(of: Sensitivity, places: Array) -> Array:
+def bound_at(of: WhitenedJacobian, places: Array) -> Array:
     """Bound of the place error (n,) [m] at the place of the lattice next to each of `places`."""
     found = maps(of, Touch(RADIUS, CONTRAST))
     x, y = np.meshgrid(found.x, found.y)

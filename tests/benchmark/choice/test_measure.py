@@ -10,10 +10,15 @@ import pytest
 from eitbench.benchmark.choice import candidates as candidates_module
 from eitbench.benchmark.choice import measure
 from eitbench.benchmark.choice.decision import Pick, read_choice
-from eitbench.benchmark.choice.measure import Trial, choose, decide, parameters_of, within_limit
+from eitbench.benchmark.choice.measure import (
+    MethodTrial,
+    choose,
+    decide,
+    parameters_of,
+    within_limit,
+)
 from eitbench.benchmark.tuning import selection
-from eitbench.benchmark.tuning.selection import Selection, TuningBudget
-from eitbench.benchmark.tuning.selection import Trial as TuningTrial
+from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.errors import EitbenchError, InputError
 
@@ -56,7 +61,7 @@ def test_methods_are_tried_while_there_is_time(limit: int, tried: str, left: str
     assert begun == list(tried)
 
 
-def trial(method: str, frame_ms: float, seed: int, **shifts: float) -> Trial:
+def trial(method: str, frame_ms: float, seed: int, **shifts: float) -> MethodTrial:
     """A trial with errors of 10 mm and a shift by scenario, noise of 1 mm, in 20 sessions."""
     rng = np.random.default_rng(seed)
     samples = pd.concat(
@@ -74,7 +79,7 @@ def trial(method: str, frame_ms: float, seed: int, **shifts: float) -> Trial:
     )
     whole = {"frame_ms_p95": frame_ms, "coverage": 1.0}
     cells = pd.DataFrame([whole] * 3, index=["frames", "touches", "drift"])
-    return Trial(method, {}, "none", samples, cells)
+    return MethodTrial(method, {}, "none", samples, cells)
 
 
 ABOUT: dict[str, Any] = {
@@ -150,8 +155,8 @@ def test_parameters_on_record_come_first_then_trials_then_defaults(
 ) -> None:
     suite, _ = candidates_module.scenarios_of(tiny, 60.0)
     scenario, budget = suite.scenarios[0], TuningBudget(seconds=1.0)
-    scored = TuningTrial({"weight": 0.1}, -5.0)
-    unscored = TuningTrial({"weight": 0.3}, None, "failed")
+    scored = Trial({"weight": 0.1}, -5.0)
+    unscored = Trial({"weight": 0.3}, None, "failed")
     found = Selection({"weight": 0.1}, -5.0, (scored, unscored), budget, "seconds")
     monkeypatch.setattr(measure, "tune", lambda *_, **__: iter([("touches", "noser", found)]))
 

@@ -10,14 +10,14 @@ from scipy.optimize import least_squares
 from eitbench.benchmark.design.bounds import (
     SEEN,
     Noise,
-    Sensitivity,
     Touch,
+    WhitenedJacobian,
     changes_and_derivatives,
     lattice,
     maps,
     noise_of,
-    sensitivity,
     whitened,
+    whitened_jacobian,
 )
 from eitbench.benchmark.design.designs import default_touch
 from eitbench.scenarios.arrays import Array
@@ -35,8 +35,8 @@ def small() -> Sensor:
 
 
 @pytest.fixture(scope="module")
-def quiet(small: Sensor) -> Sensitivity:
-    return sensitivity(small, noise_of(small, 90.0))
+def quiet(small: Sensor) -> WhitenedJacobian:
+    return whitened_jacobian(small, noise_of(small, 90.0))
 
 
 def image(sensor: Sensor, x: float, y: float, strength: float, radius: float) -> Array:
@@ -57,7 +57,7 @@ def test_derivatives_are_those_of_the_exact_model(small: Sensor) -> None:
     """Finite differences of exact frames of a faint touch, at noise that whitens by a factor."""
     faint = Touch(TOUCH.radius, -1e-4)
     noise = Noise(1e-3)
-    of = sensitivity(small, noise)
+    of = whitened_jacobian(small, noise)
     at = np.array([ROW]), np.array([COLUMN])
     change, derivatives = (part[0, 0] for part in changes_and_derivatives(of, faint, *at))
     model, centre = forward_model(small), parameters(small, faint.contrast)
@@ -79,7 +79,7 @@ def test_derivatives_are_those_of_the_exact_model(small: Sensor) -> None:
 
 
 def test_a_maximum_likelihood_fit_attains_the_bound_and_does_not_beat_it(
-    quiet: Sensitivity,
+    quiet: WhitenedJacobian,
 ) -> None:
     """The variance of 300 fitted places lies within the 99.9 % interval of chi-squared."""
     found = maps(quiet, TOUCH)
@@ -117,7 +117,7 @@ def test_a_maximum_likelihood_fit_attains_the_bound_and_does_not_beat_it(
     assert (ratios < high).all()
 
 
-def test_the_optimal_test_has_the_rates_that_z_promises(quiet: Sensitivity) -> None:
+def test_the_optimal_test_has_the_rates_that_z_promises(quiet: WhitenedJacobian) -> None:
     at = np.array([ROW]), np.array([COLUMN])
     change = changes_and_derivatives(quiet, TOUCH, *at)[0][0, 0]
     change *= SEEN / np.linalg.norm(change)  # the smallest touch that is detected
@@ -132,7 +132,7 @@ def test_the_optimal_test_has_the_rates_that_z_promises(quiet: Sensitivity) -> N
 def test_bounds_follow_noise_and_the_symmetry_of_the_sensor(small: Sensor) -> None:
     # An odd number of pixels: the lattice has the symmetry of the square.
     small = replace(small, image_shape=(39, 39))
-    quiet, loud = (maps(sensitivity(small, Noise(std)), TOUCH) for std in (1e-5, 1e-4))
+    quiet, loud = (maps(whitened_jacobian(small, Noise(std)), TOUCH) for std in (1e-5, 1e-4))
     np.testing.assert_allclose(loud.place, 10 * quiet.place, rtol=1e-6)
     np.testing.assert_allclose(quiet.detectability, 10 * loud.detectability, rtol=1e-6)
     np.testing.assert_allclose(loud.smallest, 10 * quiet.smallest, rtol=1e-6)
@@ -160,12 +160,14 @@ def test_any_covariance_whitens(small: Sensor) -> None:
 
 
 def test_drift_makes_every_bound_worse_and_hides_itself(small: Sensor) -> None:
-    still, drifting = (maps(sensitivity(small, Noise(1e-4, drift)), TOUCH) for drift in (0, 0.02))
+    still, drifting = (
+        maps(whitened_jacobian(small, Noise(1e-4, drift)), TOUCH) for drift in (0, 0.02)
+    )
     free = np.isfinite(still.place)
     for name in ("place", "strength", "smallest"):
         assert (getattr(drifting, name)[free] >= getattr(still, name)[free] * (1 - 1e-9)).all()
     # z of an even change of the whole sensor is that of its size over its drift, not of the noise.
-    of = sensitivity(small, Noise(1e-9, 0.02))
+    of = whitened_jacobian(small, Noise(1e-9, 0.02))
     even = np.full(small.image_shape, 0.01 * small.background)
     assert np.linalg.norm(of.rows.reshape(len(of.rows), -1) @ even.ravel()) == pytest.approx(
         0.5, rel=1e-3
@@ -173,7 +175,7 @@ def test_drift_makes_every_bound_worse_and_hides_itself(small: Sensor) -> None:
 
 
 def test_two_touches_at_the_bound_are_told_apart_by_what_one_touch_leaves(
-    quiet: Sensitivity,
+    quiet: WhitenedJacobian,
 ) -> None:
     """The bound against a least-squares projection of frames of two touches, written anew."""
     louder = replace(quiet, rows=quiet.rows / 30)
@@ -210,7 +212,7 @@ def test_the_default_touch_is_one_that_the_pixels_can_show() -> None:
 
 @pytest.mark.parametrize(("radius", "words"), [(0.001, "too small"), (0.06, "no room")])
 def test_a_touch_that_does_not_fit_is_refused(
-    quiet: Sensitivity, radius: float, words: str
+    quiet: WhitenedJacobian, radius: float, words: str
 ) -> None:
     with pytest.raises(InputError, match=words):
         maps(quiet, Touch(radius))
