@@ -134,7 +134,7 @@ def width_maps(of: pd.DataFrame) -> Figure:
         "strength [%]": 100 * of["sd_strength"] / of["true_strength"].abs(),
     }
     levels = sorted(of["snr_db"].unique(), reverse=True)
-    figure = new_figure(PAGE, 4.9)
+    figure = new_figure(PAGE, 1.3 + 10.8 / len(levels))
     panels = figure.subplots(len(shown), len(levels), sharex=True, sharey=True)
     electrodes = 1e3 * np.array([foam.outline.point(e.centre) for e in foam.electrodes])
     for row, (name, width) in zip(panels, shown.items(), strict=True):
