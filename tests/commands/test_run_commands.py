@@ -110,7 +110,7 @@ def test_a_run_without_rows_is_told(
 ) -> None:
     monkeypatch.setattr(leaderboard, "ranked_rows", lambda runs, columns: [])
     code, out, err = eitbench("leaderboard", tmp_path)
-    assert (code, out.strip()) == (0, "")
+    assert (code, out) == (2, "")
     assert str(tmp_path) in err
 
 

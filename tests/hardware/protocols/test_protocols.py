@@ -125,7 +125,9 @@ def test_impossible_values_are_named(wrong: float) -> None:
     parser = Teensy(foam)
     messages = [teensy.encode(parser._pattern, k, 0.0, values) for k in range(PATIENCE)]
     said = refusal(parser, messages)
-    assert f"impossible values, such as {wrong:.3g} V/A as value 7, where less than 1e+10" in said
+    less = " V/A as value 7, where less than 1e+10 is possible"
+    what = f"{wrong:.3g}{less}" if np.isfinite(wrong) else "nan as value 7, which is no number"
+    assert f"impossible values, such as {what}" in said
     assert parser.health.damaged == PATIENCE
 
 

@@ -129,7 +129,7 @@ COUNT = np.arange(float(N))
 @pytest.mark.parametrize(
     ("recorded", "says"),
     [
-        ({"values": with_nan()}, "1 impossible frame, the first is frame 12: nan V/A as value"),
+        ({"values": with_nan()}, "1 impossible frame, the first is frame 12: nan as value 3"),
         ({"time_s": np.where(COUNT > 20, COUNT - 9, COUNT)}, "time_s goes back at frame 21"),
         ({"time_s": np.full(N, np.nan)}, "time_s holds values that are not numbers"),
         (
