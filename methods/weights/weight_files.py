@@ -42,15 +42,17 @@ class WeightFiles:
         name: of the method or operator that uses them.
         version: of the network, raised whenever weights of before no longer fit or mean something
             else.
+        made_by: the command that makes such a file; by default `eitbench train`.
     """
 
     name: str
     version: str = "1"
+    made_by: str = ""
 
     @property
     def command(self) -> str:
         """Command that makes such a file."""
-        return f"eitbench train {self.name} --suite SUITE"
+        return self.made_by or f"eitbench train {self.name} --suite SUITE"
 
     def file_name(self, sensor: Sensor) -> str:
         """Return the name of the file with weights for `sensor`."""
@@ -117,7 +119,7 @@ class WeightFiles:
         return (
             f"{self.name!r} has no weights for the sensor {sensor.name!r} with "
             f"{sensor.n_measurements} measurements on {height} x {width} pixels: train them with "
-            f"`{self.command}`, where SUITE simulates this sensor."
+            f"`{self.command}`{'' if self.made_by else ', where SUITE simulates this sensor'}."
         )
 
     def content_hash(self, sensor: Sensor) -> str:

@@ -13,6 +13,7 @@ from eitbench.methods.problem import Problem
 from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.sensors.sensor import foam16
 
 
 def test_the_package_passes_the_checks(tmp_path: Path) -> None:
@@ -44,19 +45,28 @@ def test_a_formula_declares_what_tuning_may_choose(
     assert names["MyMethod"]().weight in search["weight"]
 
 
+def test_a_network_without_weights_says_what_makes_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(METHOD_REGISTRY, "_registered", METHOD_REGISTRY.known())
+    readme, module = new_method("my-net", tmp_path / "package", learned=True)[1:3]
+    assert "python eitbench_my_net.py\n" in readme.read_text()
+    method = runpy.run_path(str(module), run_name="scaffold")["MyNetMethod"]
+    assert method.unusable(foam16()).endswith("train them with `python eitbench_my_net.py`.")
+
+
 @pytest.mark.slow
 def test_a_network_is_trained_stored_and_loaded_with_its_card(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(METHOD_REGISTRY, "_registered", METHOD_REGISTRY.known())
-    readme, module = new_method("my-net", tmp_path / "package", learned=True)[1:3]
-    assert "python eitbench_my_net.py\n" in readme.read_text()
+    module = new_method("my-net", tmp_path / "package", learned=True)[2]
     names = runpy.run_path(str(module), run_name="scaffold")
     method = names["MyNetMethod"]()
     train = load("quick", split="train", limit=3)
     problem = Problem(train.sensor, train.references[0], lambda of, n: load("quick", of, n))
-    assert "train them with `python eitbench_my_net.py`" in method.unusable(train.sensor)
     with pytest.raises(InputError, match="'my-net' has no weights"):
         method.fit(problem)
     capsys.readouterr()
