@@ -2,7 +2,7 @@
 
 from eitbench.scenarios.arrays import nearest_pixels
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError, unknown_name
-from eitbench.scenarios.interrupts import workers
+from eitbench.scenarios.interrupts import worker_pool
 from eitbench.scenarios.similarity import Similarity
 from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.storage.files import writing
@@ -15,6 +15,6 @@ __all__ = [
     "atomic_write",
     "nearest_pixels",
     "unknown_name",
-    "workers",
+    "worker_pool",
     "writing",
 ]

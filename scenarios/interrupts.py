@@ -47,7 +47,7 @@ def termination_interrupts() -> Iterator[None]:
             signal.signal(number, before[number])
 
 
-def workers(jobs: int, **options: Any) -> joblib.Parallel:
+def worker_pool(jobs: int, **options: Any) -> joblib.Parallel:
     """Return so many worker processes of joblib, which end once this process has gone.
 
     `options` are those of `joblib.Parallel`.

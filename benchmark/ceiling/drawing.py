@@ -32,7 +32,7 @@ from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import with_bar
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.imperfections.imperfections import Imperfections
-from eitbench.scenarios.interrupts import workers
+from eitbench.scenarios.interrupts import worker_pool
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
@@ -168,7 +168,7 @@ def draw_posteriors(
     tasks = [
         (*unit, session) for (_, session), unit in sorted(units.items(), key=lambda of: of[0][1])
     ]
-    pool = workers(jobs, return_as="generator_unordered", batch_size=1)
+    pool = worker_pool(jobs, return_as="generator_unordered", batch_size=1)
     steps = pool(joblib.delayed(_draw)(*task) for task in tasks)
     for _ in with_bar(steps, "Drawing posteriors", len(tasks), show=progress):
         pass

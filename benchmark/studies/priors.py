@@ -22,7 +22,7 @@ from eitbench.methods.problem import no_split
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.interrupts import workers
+from eitbench.scenarios.interrupts import worker_pool
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import TOUCHES, SimulatedScenario
 from eitbench.scenarios.suites.suite import scenario_by_name
@@ -95,7 +95,7 @@ def worth_of_priors(*, samples: int, jobs: int = 1) -> pd.DataFrame:
     ]
     asked += [(prior, method, MATCHED) for prior in PRIORS for method in CLASSICAL]
     asked += [(None, method, UNSEEN) for method in (RIVAL, *NETWORKS)]
-    found = workers(jobs)(joblib.delayed(_scores)(*one, samples) for one in asked)
+    found = worker_pool(jobs)(joblib.delayed(_scores)(*one, samples) for one in asked)
     scores = dict(zip(asked, found, strict=True))
     rows = [
         _paired(prior, method, scores[None, method, MATCHED], scores[prior, method, MATCHED])

@@ -23,7 +23,7 @@ from eitbench.methods import Problem, create
 from eitbench.methods.problem import no_split
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.data.datasets import Dataset, load
-from eitbench.scenarios.interrupts import workers
+from eitbench.scenarios.interrupts import worker_pool
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -177,7 +177,7 @@ def published_readings(
     data = load(scenario, "test", samples)
     truth = data.conductivity
     assert truth is not None
-    parts = workers(jobs)(
+    parts = worker_pool(jobs)(
         joblib.delayed(_read)(
             method, selected_parameters(scenario, method) or {}, frames, truth, rows[method]["rie"]
         )

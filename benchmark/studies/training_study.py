@@ -38,7 +38,7 @@ from eitbench.methods.training.samples import training_scenario
 from eitbench.methods.weights.weight_files import sensor_key
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataCorruptError, InputError, unknown_name
-from eitbench.scenarios.interrupts import termination_interrupts, workers
+from eitbench.scenarios.interrupts import termination_interrupts, worker_pool
 from eitbench.scenarios.sensors.sensor import Sensor, foam16
 from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.suites.scenario import SimulatedScenario
@@ -150,7 +150,7 @@ def run_study(
     with locked(out), termination_interrupts():
         try:
             # One training a task: a process that is free takes the next, and none is begun twice.
-            tables = workers(jobs, batch_size=1)(
+            tables = worker_pool(jobs, batch_size=1)(
                 joblib.delayed(_rows)(study, variant, budget, out, progress and jobs == 1)
                 for variant in variants
             )

@@ -18,7 +18,7 @@ from eitbench.methods.training.losses import image_loss
 from eitbench.methods.training.samples import images, nominal_problem
 from eitbench.scenarios.arrays import Array, Images
 from eitbench.scenarios.data.datasets import load
-from eitbench.scenarios.interrupts import workers
+from eitbench.scenarios.interrupts import worker_pool
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -119,7 +119,7 @@ def _samples(
     request, scenario, device = job.request, job.scenario, job.device.type
     data = load(scenario, split, count, jobs=request.jobs, progress=request.progress)
     difference = nominal_problem(scenario).differences(data, request.gain_power)
-    inputs = workers(request.jobs)(
+    inputs = worker_pool(request.jobs)(
         joblib.delayed(_inputs)(method, scenario, device, difference[first : first + TOGETHER])
         for first in range(0, count, TOGETHER)
     )

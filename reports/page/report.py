@@ -19,7 +19,7 @@ import joblib
 from markupsafe import Markup
 
 from eitbench import __version__
-from eitbench.benchmark import atomic_write, workers, writing
+from eitbench.benchmark import atomic_write, worker_pool, writing
 from eitbench.benchmark.analysis.results import Run, plugin_copies, read_run
 from eitbench.benchmark.metrics.specs import ANCHORS
 from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_MAP, STYLE, to_png
@@ -78,7 +78,7 @@ def _both_parts(runs: Sequence[Run], out: Path) -> tuple[ReportData, list[Findin
     with warnings.catch_warnings():
         # Of an error here, joblib would say that the other process was not waited for.
         warnings.filterwarnings("ignore", "[0-9]+ tasks which were still being processed")
-        pool = workers(2, return_as="generator")
+        pool = worker_pool(2, return_as="generator")
         beside = pool([joblib.delayed(_written_findings)(runs, out)])
         try:
             report, files = _written_report(runs, out)

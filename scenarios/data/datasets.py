@@ -28,7 +28,7 @@ from eitbench.scenarios.imperfections.noise import (
     session_snr_db,
     snr_of_touch,
 )
-from eitbench.scenarios.interrupts import workers
+from eitbench.scenarios.interrupts import worker_pool
 from eitbench.scenarios.phantoms.phantom import Phantom, rasterise
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import (
@@ -173,7 +173,7 @@ def load(
 def _calibrated(data: Dataset, jobs: int, progress: bool) -> Dataset:
     """The data, corrected session by session by what each reference frame shows."""
     sessions = same_reference(data.references)
-    pool = workers(min(jobs, len(sessions)), return_as="generator", batch_size=1)
+    pool = worker_pool(min(jobs, len(sessions)), return_as="generator", batch_size=1)
     steps = pool(
         joblib.delayed(_corrected)(data.sensor, data.voltages[rows], data.references[rows.start])
         for rows in sessions

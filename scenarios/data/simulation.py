@@ -24,7 +24,7 @@ from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 from eitbench.scenarios.guard import check_open
 from eitbench.scenarios.imperfections.imperfections import TOUCH_INTERVAL_S
-from eitbench.scenarios.interrupts import workers
+from eitbench.scenarios.interrupts import worker_pool
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.seeds import generator
@@ -109,7 +109,7 @@ def nominal_samples(
     check_open("train")
     sensor = scenario.nominal_sensor
     parts = [samples[first : first + CHUNK] for first in range(0, len(samples), CHUNK)]
-    pool = workers(jobs, return_as="generator")
+    pool = worker_pool(jobs, return_as="generator")
     images = np.empty((len(samples), *sensor.image_shape), dtype=np.float32)
     voltages = np.empty((len(samples), sensor.n_measurements))
     first = 0
@@ -218,7 +218,7 @@ def _simulated(
         yield from (_simulate(scenario, split, chunk) for chunk in chunks)
         return
     # One chunk a task: each is stored and shown as soon as it is done.
-    pool = workers(min(jobs, len(chunks)), return_as="generator_unordered", batch_size=1)
+    pool = worker_pool(min(jobs, len(chunks)), return_as="generator_unordered", batch_size=1)
     yield from pool(joblib.delayed(_simulate)(scenario, split, chunk) for chunk in chunks)
 
 

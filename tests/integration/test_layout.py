@@ -1,5 +1,6 @@
 """The layout: folders, links and wheel agree, and subpackages import only what lies below them."""
 
+import importlib
 import tomllib
 import zipfile
 from graphlib import TopologicalSorter
@@ -65,6 +66,13 @@ def test_folders_import_only_what_they_may(graph: dict[str, set[str]]) -> None:
 def test_no_subpackages_import_each_other_in_a_cycle(graph: dict[str, set[str]]) -> None:
     assert len(list(TopologicalSorter(graph).static_order())) == len(graph)
     assert "benchmark/run" in graph["benchmark/studies"]  # the graph is not empty by mistake
+
+
+def test_no_subpackage_has_the_name_of_what_its_folder_offers() -> None:
+    """Once it is imported, the folder's attribute of that name would be the subpackage."""
+    for name in FOLDERS:
+        offered = getattr(importlib.import_module(f"eitbench.{name}"), "__all__", [])
+        assert not [of for of in offered if (ROOT / name / of).is_dir()]
 
 
 def test_no_reader_can_run_what_it_reads() -> None:

@@ -17,6 +17,7 @@ from eitbench.benchmark.analysis.catalogue import about_method
 from eitbench.benchmark.analysis.results import SHOWN
 from eitbench.benchmark.submissions.hidden import Gap, HiddenRecord, write_hidden
 from eitbench.benchmark.submissions.rerun import digest
+from eitbench.benchmark.submissions.sums import note_sums
 from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.reports.site.site import write_site
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
@@ -262,6 +263,7 @@ def board(run_builder: Any, dataset_of: Any, tmp_path: Path) -> Path:
     record = run_builder(folder / "bench").add_scaled(data, {"good": 0.7, "poor": 0.2}).write()
     with edited_manifest(record) as content:
         content["images"] = SHOWN
+    note_sums(sorted(record.iterdir()))
     for name, share in (("bench", 0.9), ("tank", 0.8)):
         run = run_builder(folder / "submissions" / "bench" / name)
         path = run.add_scaled(data, {"mine": share}).write()
