@@ -34,6 +34,7 @@ BETWEEN_OUR_PROCESSES = {
     "benchmark/workers/process.py", "benchmark/workers/worker.py",
     "benchmark/studies/priors.py", "benchmark/studies/readings.py",
     "benchmark/studies/training_study.py", "methods/learned/refiner_training.py",
+    "reports/page/report.py", "scenarios/interrupts.py",
     "scenarios/data/datasets.py", "scenarios/data/simulation.py",
 }  # fmt: skip
 

@@ -492,7 +492,7 @@ def test_a_registration_is_fitted_again(
     """One of scale 1e-9 put every contact at the mean press; an affine one was taken, too."""
 
     def presses(scenario: object, split: Split = "test", **kwargs: object) -> Dataset:
-        frames = data.samples[["sample", "x_m", "y_m"]].copy()
+        frames = data.samples[["sample", "cluster", "x_m", "y_m"]].copy()
         return replace(
             data, scenario="skin", split=split, samples=frames, truth="position", phantoms=()
         )
