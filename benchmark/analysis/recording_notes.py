@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from eitbench.benchmark.analysis.results import GUESS, NOTES, NOTES_FILE
+from eitbench.benchmark.analysis.results import GUESS, NOTES, NOTES_FILE, STORED_NOTES
 from eitbench.benchmark.metrics.aggregation import figure_of
 from eitbench.benchmark.metrics.load import fit_load
 from eitbench.benchmark.metrics.specs import METRICS
@@ -29,10 +29,11 @@ def write_notes(run: Path) -> None:
     Raises:
         InputError: `run` has no readable manifest.
     """
-    path, stored = run / NOTES_FILE, {}
-    with suppress(OSError, ValueError):
-        stored = json.loads(path.read_text())
-    if found := {**stored, **noted(manifests.read(run))}:
+    path = run / NOTES_FILE
+    found: dict[str, dict[str, float | None]] = {}
+    with suppress(OSError, ValueError):  # none, or damaged: they are made again
+        found |= STORED_NOTES.validate_json(path.read_bytes())
+    if found := found | noted(manifests.read(run)):
         atomic_write(path, (json.dumps(found, indent=2, allow_nan=False) + "\n").encode())
 
 

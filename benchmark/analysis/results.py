@@ -52,7 +52,7 @@ NOTES_FILE = "recordings.json"
 SHOWN, ROUNDED = "shown", "rounded"
 """Entries `images` of a manifest: of a record, and of a submission with rounded images, see
 `reports.board`."""
-_NOTES = TypeAdapter(dict[str, dict[str, float | None]], config=ConfigDict(strict=True))
+STORED_NOTES = TypeAdapter(dict[str, dict[str, float | None]], config=ConfigDict(strict=True))
 
 _FAMILIES = {"same": "the families of the test phantoms", "other": "other families of phantoms"}
 _NOISE = {"tuning": "tuning", "train": "training samples", "validation": "validation samples"}
@@ -200,7 +200,7 @@ def _read_run(path: Path) -> Run:
     notes, kind = path / NOTES_FILE, kinds[0]
     labels = ("scenario", kind.name, *kind.labels)
     try:
-        noted = _NOTES.validate_json(read_json_file(notes)) if notes.is_file() else {}
+        noted = STORED_NOTES.validate_json(read_json_file(notes)) if notes.is_file() else {}
     except ValueError as error:
         raise DataCorruptError(f"{notes} is damaged: delete it and run the suite again.") from error
     # Tracks have rows of the same samples, once each.

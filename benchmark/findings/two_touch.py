@@ -61,7 +61,7 @@ def told_apart(samples: pd.DataFrame) -> pd.DataFrame:
 
 
 def are_apart(farthest_mm: ArrayLike, distance_mm: ArrayLike) -> Mask:
-    """Whether pairs are told apart, by the farther of their two contacts and their distance."""
+    """Whether pairs (n,) are told apart, by the farther contact's error and their distance [mm]."""
     return np.asarray(farthest_mm) < np.minimum(WITHIN_MM, np.asarray(distance_mm) / 2)
 
 

@@ -350,11 +350,12 @@ image of them fits about as well: that of the public sets is 0.88 and more."""
 def metres_as_millimetres(content: Content) -> str:
     """What makes places look like metres in columns of millimetres, a sentence; "" if nothing."""
     places = content.labels[["x_m", "y_m"]].dropna().to_numpy(dtype=np.float64)
-    if len(places) < _LEAST or not np.ptp(places, axis=0).any():  # of one place nothing is told
+    if len(places) < _LEAST:
         return ""
     extent, (x0, y0, x1, y1) = np.ptp(places, axis=0).max(), content.sensor.outline.bounds
     in_metres = content.sensor.outline.contains(*(1e3 * places).T).all()
-    if extent >= _SMALL * max(x1 - x0, y1 - y0) or not in_metres:
+    # Of one place nothing is told.
+    if not 0 < extent < _SMALL * max(x1 - x0, y1 - y0) or not in_metres:
         return ""
     return (
         f"All places lie within {1e3 * extent:.2g} mm of each other: were metres imported as "

@@ -159,7 +159,7 @@ def moved(table: pd.DataFrame, origin_mm: tuple[float, float] | None) -> pd.Data
     """
     if origin_mm is None:
         return table
-    if not _has_place(table).any():
+    if not has_place(table).any():
         raise InputError("--origin moves places, and the labels have none.")
     places = zip(("x_m", "y_m"), origin_mm, strict=True)
     return table.assign(**{k: table[k] + mm / 1e3 for k, mm in places if k in table})
@@ -231,11 +231,11 @@ def placed(
         how = "row by row, for the frames"
         rows = frames if len(table) == len(frames) else touched
         # A row without a word about a touch is for a frame without one.
-        of_touches, has_place = ~np.isin(rows, reference), _has_place(table)
+        of_touches, placed_rows = ~np.isin(rows, reference), has_place(table)
         marks = _described(table) & of_touches
-        left_out[" without a place or another value"] = int((of_touches & ~marks).sum())
-        left_out[" with a place, for frames of the reference"] = int(
-            (~of_touches & has_place).sum()
+        left_out["without a place or another value"] = int((of_touches & ~marks).sum())
+        left_out["with a place, for frames of the reference"] = int(
+            (~of_touches & placed_rows).sum()
         )
         table, of = table[marks], [FramesOf(path, row, 1) for row in rows[marks].tolist()]
     else:
@@ -292,7 +292,7 @@ def without_touch(table: pd.DataFrame, files: list[FramesOf], reference: Index) 
     return names
 
 
-def _has_place(table: pd.DataFrame) -> NDArray[np.bool_]:
+def has_place(table: pd.DataFrame) -> NDArray[np.bool_]:
     """True (n,) for the rows with both coordinates of a place."""
     return table.reindex(columns=["x_m", "y_m"]).notna().all(axis=1).to_numpy()
 

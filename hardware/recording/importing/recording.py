@@ -226,19 +226,19 @@ def _label_table(
             table, _, without = sheets.placed(inside, [part], reference, file.path)
             tables.append(table)
             left_out += without
+    table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+    table = sheets.moved(table, options.origin_mm)
     if not tables:
-        sheets.moved(pd.DataFrame(), options.origin_mm)
-        return pd.DataFrame(), (
+        return table, (
             "Touches: none, since the files hold no labels and --labels names no sheet of them."
         )
-    table = sheets.moved(pd.concat(tables, ignore_index=True), options.origin_mm)
     by = "the files" if options.labels is None else options.labels
     return table, touches(table, by) + _left_out(left_out)
 
 
 def _left_out(counts: Counter[str]) -> str:
     """A sentence on rows of labels that are not used, by the reason why, to follow another."""
-    said = [counted(count, "row") + why for why, count in counts.items() if count]
+    said = [f"{counted(count, 'row')} {why}" for why, count in counts.items() if count]
     return f" Left out: {', '.join(said)}." if said else ""
 
 
@@ -247,7 +247,7 @@ def touches(table: pd.DataFrame, by: str) -> str:
     if not len(table):
         return f"Touches: none by {by}."
     count = len(table[["first", "last"]].drop_duplicates())
-    places = int(table.reindex(columns=["x_m", "y_m"]).notna().all(axis=1).sum())
+    places = int(sheets.has_place(table).sum())
     all_or = "all" if places == len(table) else places
     contacts = f" with {len(table)} contacts" if len(table) > count else ""
     return f"Touches: {count}{contacts}, {all_or} with a place, by {by}."

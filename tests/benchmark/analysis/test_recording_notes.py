@@ -90,6 +90,13 @@ def test_notes_stay_those_of_the_data_that_were_run(run: Path) -> None:
         manifest["data"]["ohmc16"] |= {"hash": "c0ffee", "n": 12}
     write_notes(run)
     assert (run / "recordings.json").read_bytes() == before
+    with edited_manifest(run) as manifest:
+        manifest["data"]["ohmc16"]["hash"] = scenario("ohmc16").data_hash("test")
+        manifest["data"]["ohmc16"]["n"] = 36
+    for damage in ("[1]", "{"):
+        (run / "recordings.json").write_text(damage)
+        write_notes(run)
+        assert (run / "recordings.json").read_bytes() == before
 
 
 def test_without_data_there_are_no_notes(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:

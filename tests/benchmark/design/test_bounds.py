@@ -207,7 +207,8 @@ def test_two_touches_at_the_bound_are_told_apart_by_what_one_touch_leaves(
 def test_the_default_touch_is_one_that_the_pixels_can_show() -> None:
     coarse = replace(foam16(), image_shape=(16, 20))
     assert default_touch(foam16()).radius == pytest.approx(0.005)
-    assert len(lattice(coarse, default_touch(coarse).radius)) == 2
+    assert default_touch(coarse).radius == pytest.approx(1.5 * 0.1 / 16)
+    assert all(map(len, lattice(coarse, default_touch(coarse).radius)))
 
 
 @pytest.mark.parametrize(("radius", "words"), [(0.001, "too small"), (0.06, "no room")])
