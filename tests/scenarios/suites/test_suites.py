@@ -285,6 +285,7 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
         ("noise = { test = 50 }", 'noise = { test = "x" }', "scenarios[1].noise.test", "dB"),
         ("noise = { test = 50 }", "noise = { tset = 5 }", "scenarios[1].noise.tset", "'test'"),
         ("noise = { test = 50 }", "test_ = 5", "scenarios[1].test_", "unknown field"),
+        ("name = ", "image_shape = [8, 8]\nname = ", "image_shape", "in another table"),
         ("noise = { test = 50 }", 'sensor = "foam17"', "scenarios[1].sensor", "'foam16'"),
         (
             "noise = { test = 50 }",
