@@ -130,9 +130,9 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             f"{request.alpha} for {method.files.name!r}."
         )
     count = job.training_count(more=True)
-    beyond = request.unlimited or count > scenario.train
-    if beyond:
-        job.check_nominal("makes more touches of the nominal sensor than are declared")
+    nominal = scenario.training_imperfections is None
+    if request.unlimited:
+        job.check_nominal("makes new touches of the nominal sensor in every epoch")
     # Without a physical loss to minimise, it is shown for an operator that is asked for.
     name = request.operator or ("surrogate" if beta else None)
     backbone = request.backbone or method.backbone
@@ -168,7 +168,7 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         return *found, torch.zeros(count, dtype=torch.int64)
 
     estimates = None
-    if count > scenario.train:
+    if nominal and count > scenario.train:
         train = simulated(0)
     else:
         clean = job.noiseless(count)
@@ -218,7 +218,7 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             "beta": repr(beta),
             "gain_power": repr(request.gain_power),
             "train_samples": str(count),
-            "unlimited": str(int(beyond)),
+            "unlimited": str(int(request.unlimited or count > scenario.train)),
         },
         compared=_tensors(compared.voltages, differences(compared), train[2][: len(compared)]),
         renewed=simulated if request.unlimited else None,

@@ -214,10 +214,10 @@ class TrainingJob:
     def noiseless(self, count: int) -> Dataset:
         """The first `count` training samples as the boards of their units send them, without noise.
 
-        Networks get theirs anew in every epoch.
+        Networks get theirs anew in every epoch. There may be more than the scenario declares.
         """
         request, noise = self.request, self.scenario.noise.model_copy(update={"train": "clean"})
-        scenario = self.scenario.model_copy(update={"noise": noise})
+        scenario = self.scenario.model_copy(update={"noise": noise, "train": count})
         return load(scenario, "train", count, jobs=request.jobs, progress=request.progress)
 
     def clean_samples(self, split: Split, count: int) -> tuple[Tensor, Tensor]:

@@ -43,7 +43,7 @@ from eitbench.scenarios.data.simulation import clean_frames
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.imperfections.training_units import TrainingImperfections
 from eitbench.scenarios.storage.array_file import read_arrays
-from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites.scenario import TOUCHES, SimulatedScenario, SplitNoise
 
 NOISY = SimulatedScenario(
     name="noisy",
@@ -542,9 +542,14 @@ def test_more_training_samples_than_are_declared_follow_these(
     np.testing.assert_allclose(difference[shown], expected, atol=1e-6 * np.abs(expected).max())
     further = np.unique(images[TINY.train :].flatten(1).numpy(), axis=0)
     assert len(further) == 40
-    uneven = suite_of(tmp_path, UNEVEN)
-    with pytest.raises(InputError, match="makes more touches of the nominal sensor than are decl"):
-        train(TrainingRequest("dnn", uneven, limit=UNEVEN.train + 1, out=tmp_path / "never"))
+    # So do samples of further units, where a scenario trains on units.
+    train(TrainingRequest("dnn", suite_of(tmp_path, UNEVEN), limit=TINY.train + 40, out=tmp_path))
+    difference, _, images, units = given[1]
+    more = load(UNEVEN.model_copy(update={"train": TINY.train + 40}), "train")
+    assert more.conductivity is not None
+    np.testing.assert_allclose(images, more.conductivity / SENSOR.background, rtol=1e-6)
+    assert len(difference) == len(images) == len(units) == len(more)
+    assert len(np.unique(more.references, axis=0)) == -(-len(more) // TOUCHES)
 
 
 def test_a_loss_of_logarithms_is_the_mean_psnr() -> None:
