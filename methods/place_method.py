@@ -40,7 +40,7 @@ class PlaceProblem:
 
     @property
     def labelled(self) -> Presses:
-        """Presses of this skin with their places: k = 0, 10, 25, 100 or 400."""
+        """Presses of this skin with their places, as many as the scenario declares."""
         self._note("labelled", len(self._given.labelled))
         return self._given.labelled
 

@@ -126,9 +126,18 @@ class Problem:
         latest = self._frames(self._nominal, np.asarray(frame)[None])[0]
         if np.array_equal(latest, self._latest):
             return  # as after most frames: what follows from it still holds
-        self._latest = latest
+        self._latest = latest.copy()  # the caller may fill its array with the next
         self._gain: float | None = None
         self._estimates: dict[float, Array | None] = {}
+
+    @property
+    def unit_reference(self) -> Array:
+        """The reference frame (M,) [V/A] in units of the model; values that a fault spoils are its.
+
+        For what divides by the reference frame: `difference` fills in such values likewise.
+        """
+        _, kept = self._measured_with(self._latest, 0.0)
+        return np.where(kept, self.reference / self.gain, self.background_voltages)
 
     @property
     def background(self) -> float:

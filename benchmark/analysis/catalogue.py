@@ -17,7 +17,7 @@ from eitbench.scenarios.catalogue import sensors
 from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.recordings.descriptors import RecordedSet
-from eitbench.scenarios.suites.suite import suites
+from eitbench.scenarios.suites.suite import Suite, load_suite, suites
 
 Recording = RecordedSet
 """The descriptor of a recorded set."""
@@ -98,6 +98,20 @@ def _trained(name: str) -> dict[str, dict[str, str]]:
 def packaged_suites() -> list[str]:
     """Names of the suites that come with eitbench."""
     return sorted(suites())
+
+
+def suite_options(suite: Suite, scenario: str) -> list[str]:
+    """The words of a command that name a suite, and the sensor that it was moved to.
+
+    A suite of a user's own stands there as a file of its name.
+    """
+    if suite.name not in suites():
+        return [f"{suite.name}.toml"]
+    own, here = (
+        getattr({s.name: s for s in of.scenarios}.get(scenario), "sensor", None)
+        for of in (load_suite(suite.name), suite)
+    )
+    return [suite.name] if here == own else [suite.name, "--sensor", Path(str(here)).name]
 
 
 def about_recording(name: str) -> Recording | None:

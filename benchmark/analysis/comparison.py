@@ -277,6 +277,8 @@ def _adjusted(changes: Sequence[Change]) -> list[Change]:
     p = np.array([(changes[k].p, changes[k].p_margin) for k in tested], dtype=np.float64)
     for k, adjusted in zip(tested, zip(*map(holm, p.reshape(-1, 2).T), strict=True), strict=True):
         any_change, beyond = map(float, adjusted)
+        if not changes[k].margin:  # the p-values of others' margins are none of its own
+            beyond = any_change
         verdict = changes[k].verdict
         if any_change < SIGNIFICANT and verdict == "no difference found":
             won = METRICS[changes[k].figure].sign * changes[k].difference > 0

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import stats
 
 from eitbench.benchmark.metrics.statistics import LEVEL, bootstrap, medians
+from eitbench.scenarios.arrays import Array
 
 MIN_SCENARIOS = 5
 """Fewer say too little of how much they differ among themselves."""
@@ -68,6 +69,11 @@ class Overall:
     left_out: list[str]
 
 
+def mean_ranks(figures: Array) -> Array:
+    """Ranks (..., k) of figures (..., k), the largest first; equals share the mean of theirs."""
+    return np.asarray(stats.rankdata(-np.round(figures, _DIGITS), axis=-1))
+
+
 def overall(
     figures: Mapping[str, Mapping[str, float]], guesses: Mapping[str, float] = MappingProxyType({})
 ) -> Overall | None:
@@ -89,7 +95,7 @@ def overall(
     if n < 2 or k < 2:
         return None
     table = np.array([[of[name] for name in names] for of in figures.values()])
-    ranks = stats.rankdata(-np.round(table, _DIGITS), axis=1)
+    ranks = mean_ranks(table)
     first = ranks == ranks.min(axis=1, keepdims=True)
     wins = first / first.sum(axis=1, keepdims=True)
     both = np.hstack([ranks, wins])
@@ -174,8 +180,8 @@ def wins_over_suites(figures: Iterable[DataFigures]) -> list[WinsRow]:
             largest[of.data] = of
     shares: dict[str, dict[str, list[float]]] = {}
     for suite, _, known in largest.values():
-        values = -np.round(np.array(list(known.values())), _DIGITS)
-        won = (len(known) - stats.rankdata(values)) / max(len(known) - 1, 1)
+        ranks = mean_ranks(np.array(list(known.values())))
+        won = (len(known) - ranks) / max(len(known) - 1, 1)
         for name, share in zip(known, won, strict=True) if len(known) > 1 else ():
             shares.setdefault(name, {}).setdefault(suite, []).append(float(share))
     rows = []

@@ -78,7 +78,7 @@ def _guess(scenario: RecordedScenario, n: int) -> dict[str, float]:
     presses = contact_places(load(scenario, "test", n).samples)
     away = 1e3 * np.linalg.norm(presses - np.nanmean(known, axis=(0, 1)), axis=2)
     if presses.shape[1] > 1:
-        return {"guess_mm": float(np.nanmedian(away))}
+        return {"guess_mm": float(np.nanmedian(np.nanmean(away, axis=1)))}
     columns = {"localisation_mm": away[:, 0]}
     columns |= {f"expected_{axis}_m": presses[:, 0, k] for k, axis in enumerate("xy")}
     cell = pd.DataFrame(columns)

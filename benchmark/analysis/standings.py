@@ -127,7 +127,7 @@ def _standing(board: Sequence[Entry]) -> Standing:
         return Standing(rows, [], 0, "No figure that could rank methods is known here.")
     for row, entry in zip(rows, board, strict=True):
         row |= _gaps(entry, by)
-    places = _whole(board)
+    places = [place for place in _whole(board) if board[place].row[by] is not None]
     cells = [in_order(board[place].cell) for place in places]
     clusters = cells[0]["cluster"].nunique() if cells else 0
     if clusters < MIN_CLUSTERS:
@@ -184,12 +184,12 @@ def track_gaps(
     Args:
         tracks: its rows of the tracks beside the ranked one.
         main: its rows of the ranked track.
-        main_track: name of that track; all but "default" are of chosen parameters.
+        main_track: name of that track; "calibrated" frames are those of tuned methods.
         by: the name of the figure that ranks.
     """
     spec = METHOD_RUNS.metrics[by]
     cells = {str(track): rows for track, rows in tracks.groupby("track")}
-    cells["default" if main_track == "default" else "tuned"] = main
+    cells["tuned" if main_track == "calibrated" else main_track] = main
     cells = {track: in_order(rows) for track, rows in cells.items()}
     if len({tuple(rows["sample"]) for rows in cells.values()}) > 1:
         return {}
@@ -199,6 +199,7 @@ def track_gaps(
 
     names, values = list(cells), once(figures, len(main))
     found = {f"{track}_figure": value for track, value in zip(cells, values, strict=True)}
+    found.pop("given_figure", None)  # it is that of the row
     clusters = in_order(main)["cluster"]
     many = clusters.nunique() >= MIN_CLUSTERS
     drawn = draw(figures, clusters) if many else None
@@ -337,7 +338,8 @@ def weights_won(cells: Sequence[pd.DataFrame]) -> Array | None:
 
     Weights are spread evenly over all that are not negative and sum up to 1; the figures lie
     between their anchors, so that a weight means the same for each. None where there is no truth
-    to compute them with. S as published is one of these weightings: see `score_weights`.
+    to compute them with. Where no figure passes its anchors, S as published is one of these
+    weightings: see `score_weights`.
     """
     if any(name not in cell for cell in cells for name in ANCHORS):
         return None

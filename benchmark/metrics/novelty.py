@@ -37,8 +37,9 @@ SCORES = {
         MetricSpec(
             FRAME,
             "Frame",
-            formula="the greatest |z| of three numbers, in standard deviations (0.01 at least) "
-            "from the mean of 300 familiar validation frames: log |v - v_ref| / |v_ref|, the "
+            formula="the greatest |z| of three numbers, in standard deviations "
+            f"({LEAST_SPREAD:g} at least) from the mean of {KNOWN_FRAMES} familiar validation "
+            "frames: log |v - v_ref| / |v_ref|, the "
             "correlation of v - v_ref with v_ref, and log |v_ref / g - F(untouched)|",
             domain=_FRAMES,
             best=None,

@@ -73,7 +73,7 @@ UNCERTAINTY = {
                 domain=_STATED,
                 best=None,
                 form=".1%",
-                mask="pixels where truth and draws span more than 1 % of the data range",
+                mask=f"pixels where truth and draws span more than {SPREAD:.0%} of the data range",
                 traps=f"{level} % is right, more is too careful. An average: too wide at one place "
                 "makes up for too narrow at another. Wide intervals reach it without knowing "
                 "anything, see Sharpness. Methods that are unsure everywhere are judged on more "

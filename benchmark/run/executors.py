@@ -277,7 +277,8 @@ def _run_remote_task(data: CellData, task: RemoteTask) -> RemoteResult:
             store.unpack(there, files)
         with _cancellation() as stop:
             try:
-                Executor(1).run(data, plan, store, _deadline(task.seconds), stop)
+                # A cluster may give one machine several tasks: none has a core of its own.
+                Executor(REMOTE_SLOTS).run(data, plan, store, _deadline(task.seconds), stop)
                 finished = True
             except StoppedError:
                 finished = False

@@ -2,8 +2,8 @@
 
 `default` are a method's own parameters, `tuned` those selected on validation data, and `oracle` the
 best on the test split among all that were tried: the limit of tuning. `given` are parameters of
-the user's choice, which are ranked and named so. The oracle has seen the
-test split, so that it is shown as a gap and never ranked.
+the user's choice, which are ranked, and named so, in place of those. The oracle has seen the test
+split, so that it is shown as a gap and never ranked.
 """
 
 import json
@@ -29,24 +29,27 @@ def cell_entries(plan: "Plan", data: CellData, name: str) -> list[Manifest]:
     """Return manifest entries for the cells of `name`, the ranked one first."""
     given = plan.parameters.get(name)
     code = plan.code(name) if plan.suite.ranks != "operators" else ""
-    selection = data.selection(name, code) if given is None else None
-    own: dict[str, Any] = selection or {"parameters": given or {}, "spent": {}, "trials": []}
+    selection = data.selection(name, code)
+    tuned: dict[str, Any] = selection or {"parameters": {}, "spent": {}, "trials": []}
+    ranked = tuned["parameters"] if given is None else given
+    spent = tuned["spent"] | {"edges": at_edge(tuned)} if selection else {}
     track = "default" if selection is None else "tuned"
     if data.scenario.calibrated:
         track = "calibrated"
     if given is not None:
         track = "given"
-    spent = own["spent"] | {"edges": at_edge(own)} if selection else {}
     cells: list[tuple[str, str, dict[str, Any], dict[str, Any]]] = [
-        ("", track, own["parameters"], spent)
+        ("", track, ranked, spent if given is None else {})
     ]
     # Without a choice the ranked track is it.
     if "default" in plan.tracks and not (selection is None and given is None):
         cells.append(("default", "default", {}, {}))
+    if "tuned" in plan.tracks and selection is not None and given is not None:
+        cells.append(("tuned", "tuned", tuned["parameters"], spent))
     if "oracle" in plan.tracks:
         # The first trial is that of the defaults.
-        tried = [t["parameters"] for t in own["trials"] if t["status"] != "failed"]
-        others = [parameters for parameters in tried if parameters != own["parameters"]]
+        tried = [t["parameters"] for t in tuned["trials"] if t["status"] != "failed"]
+        others = [parameters for parameters in tried if parameters != ranked]
         cells += [
             (f"trial-{k:02d}", "oracle", parameters, {}) for k, parameters in enumerate(others)
         ]
@@ -65,15 +68,14 @@ def cell_entries(plan: "Plan", data: CellData, name: str) -> list[Manifest]:
 
 
 def write_tracks(store: RunStore, cells: Sequence[CellPlan]) -> None:
-    """Write the rows of the tracks `default` and `oracle`, where these were run to the end."""
+    """Write the rows of the tracks beside the ranked one, where these were run to the end."""
     tables = []
     for main in (plan for plan in cells if not plan.cell.variant):
         others = [c for c in cells if c.cell.variant and replace(c.cell, variant="") == main.cell]
         if not others or not all(store.finished(c.cell) for c in (main, *others)):
             continue
         rows = {c.cell.variant: (c.parameters, store.rows(c.cell)) for c in (main, *others)}
-        if "default" in rows:
-            tables.append(_labelled("default", *rows["default"]))
+        tables += [_labelled(of, *rows[of]) for of in ("default", "tuned") if of in rows]
         if any(c.track == "oracle" for c in others):
             best = max(rows.values(), key=lambda pair: _goodness(pair[1]))
             tables.append(_labelled("oracle", *best))

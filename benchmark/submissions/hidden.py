@@ -377,13 +377,14 @@ def _of_code(gap: Gap) -> tuple[str, str, str | None]:
 
 
 def read_hidden(version: Path) -> list[HiddenRecord]:
-    """Read the records of a version of the leaderboard; empty where it has none.
+    """Read the records of a version of the leaderboard, of a suite the oldest first; may be empty.
 
     Raises:
         DataCorruptError: one of them is damaged.
     """
     found = []
-    for path in sorted((version / FOLDER).glob("*.json")):
+    paths = (version / FOLDER).glob("*.json")
+    for path in sorted(paths, key=lambda path: (len(path.name), path.name)):
         try:
             found.append(HiddenRecord.model_validate_json(read_json_file(path), strict=True))
         except (ValidationError, ValueError) as error:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import tempfile
 import threading
 from collections.abc import Mapping, Sequence
@@ -88,9 +87,11 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     )
     # Nobody can foresee which; a batch of another size has other last bits.
     size = len(data.test)
-    starts = range(0, size, data.batch)
-    drawn = SystemRandom().sample(starts, min(len(starts), _batches(n)))
-    batches = [slice(start, min(start + data.batch, size)) for start in sorted(drawn)]
+    order = SystemRandom().sample(starts := range(0, size, data.batch), len(starts))
+    drawn = [slice(start, min(start + data.batch, size)) for start in order]
+    # The last batch is short: one more is run beside it.
+    covered = np.cumsum([of.stop - of.start for of in drawn])
+    batches = sorted(drawn[: 1 + int(np.searchsorted(covered, n))], key=lambda of: of.start)
     row, made, figures = _made(MethodCellTask, plan, data, batches, isolate)
     samples = np.flatnonzero(made["test"].status != "")
     stored = run.estimates(scenario, name, samples.tolist())
@@ -216,11 +217,6 @@ def _away(
     return np.asarray(~same.all(axis=(1, 2)))
 
 
-def _batches(n: int) -> int:
-    """Number of batches that hold `n` samples."""
-    return math.ceil(n / MethodData.batch)
-
-
 def _same_machine(submission: Submission) -> bool:
     """True if the same kind of processor and the same libraries made the images."""
     theirs = submission.run.manifest
@@ -254,7 +250,7 @@ def note_reproduced(submission: Submission, n: int) -> Path:
     """
     run = submission.run.path
     total = max(len(data.test) for data in submission.data.values())
-    told = f"{min(total, MethodData.batch * _batches(n))} of {total} samples"
+    told = f"{min(total, n)} of {total} samples"
     file = run.resolve().parent / REPRODUCED
     known = reproduced(file.parent) | {digest(run): told}
     atomic_write(file, (json.dumps(known, indent=1) + "\n").encode())

@@ -68,9 +68,11 @@ def tier(run: Run, scenario: str, method: str) -> TierOf:
     told = reproduced_on(run)
     board = board_of(run.path)
     if told and board is not None:
-        for record in read_hidden(board):
+        keys = published_keys(board)
+        # With a key that is still secret first, and of equal ones the newest.
+        records = [(is_retired(keys, record.key), record) for record in read_hidden(board)[::-1]]
+        for retired, record in sorted(records, key=lambda of: of[0]):
             if gap := gap_of([record], run, scenario, method):
-                retired = is_retired(published_keys(board), record.key)
                 return TierOf("hidden", told, gap, retired)
     return TierOf("reproduced" if told else "self-reported", told, None)
 

@@ -16,7 +16,7 @@ def outdated(record: Manifest) -> list[str]:
     familiar = {scenario.name: suite.familiar(scenario) for scenario in suite.scenarios}
     known, found = methods(), []
     for cell in record["cells"]:
-        if cell["track"] in ("tuned", "calibrated") and cell["name"] in known:
+        if cell["track"] in ("default", "tuned", "calibrated") and cell["name"] in known:
             then, default = cell["parameters"], known[cell["name"]]
             now = selected_parameters(familiar[cell["scenario"]], cell["name"]) or {}
             one, other = (

@@ -103,5 +103,5 @@ class GreitConformal(Greit):
 def _true_places(data: Dataset) -> Array:
     """True places (n, 2) [m] of touches, NaN where there is none."""
     if data.conductivity is None:
-        return data.samples[["x_m", "y_m"]].to_numpy(np.float64)
+        return data.samples.reindex(columns=["x_m", "y_m"]).to_numpy(np.float64)
     return locate(data.conductivity, data.sensor, data.sensor.background)

@@ -10,6 +10,7 @@ import numpy as np
 from eitbench.methods.learned.image_networks import Dnn, UsesNetwork
 from eitbench.methods.registry import register
 from eitbench.methods.untrained.pinn import Pinn
+from eitbench.scenarios.errors import InputError
 
 if TYPE_CHECKING:
     from eitbench.methods.problem import Problem
@@ -35,11 +36,17 @@ class CnnPinn(UsesNetwork, Pinn):
         """Prepare the equations, and load the weights of `dnn`.
 
         Raises:
-            InputError: as of `Pinn.fit`; `dnn` has no weights for the sensor.
+            InputError: as of `Pinn.fit`; `dnn` has no weights for the sensor, or such as are used
+                with gains of measurements.
             DataCorruptError: they are damaged.
         """
         super().fit(problem)
         self._dnn = self.fitted_network(problem)
+        if self._dnn.effective_gain_power:
+            raise InputError(
+                f"{self.name!r} takes differences as they are measured, and the weights of 'dnn' "
+                "were trained with --gain-power: train some without."
+            )
 
     def first(self, difference: Array) -> Array:
         """See `FittedPerFrame`; the image of `dnn`."""

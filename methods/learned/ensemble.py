@@ -113,7 +113,10 @@ class NetworkEnsemble(Method):
             network.fit(problem)
         # Networks that begin with the image of another count its training as theirs.
         self.train_s = sum(of.train_s - of.begun_train_s for of in self._networks)
-        self.trained_on = self._networks[0].trained_on
+        trained = [of.trained_on for of in self._networks]
+        self.trained_on = dict(trained[0])
+        for name in ("train_samples", "unlimited"):
+            self.trained_on[name] = max((of[name] for of in trained), key=int)
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""

@@ -63,12 +63,11 @@ def train_latent_flow(job: TrainingJob) -> TrainingResult:
     moves = symmetries(sensor, torch.from_numpy(problem.jacobian))
     rms = float(np.sqrt(np.mean(problem.reference**2)))
     augmentation = Augmentation(scenario.split_noise("train"), moves, rms)
-    if job.begun is None:
-        with torch.random.fork_rng():
-            torch.manual_seed(job.recipe.seed)
-            first = [augmentation(*(tensor[:SEEN_FIRST] for tensor in train)) for _ in moves]
-            contrasts = torch.cat([moved - 1 for _, moved, _ in first])
-            network.start_from(contrasts, torch.cat([frames for frames, _, _ in first]))
+    with torch.random.fork_rng():
+        torch.manual_seed(job.recipe.seed)
+        first = [augmentation(*(tensor[:SEEN_FIRST] for tensor in train)) for _ in moves]
+        contrasts = torch.cat([moved - 1 for _, moved, _ in first])
+        network.start_from(contrasts, torch.cat([frames for frames, _, _ in first]))
     task = FlowTask(network, augmentation)
     return job.fit(
         task, train, validation, "a normal distribution of all images",

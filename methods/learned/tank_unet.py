@@ -168,7 +168,7 @@ class TankUNet(TrainedMethod):
         """See `TrainedMethod`."""
         import torch
 
-        reference = self._problem.reference / self._problem.gain
+        reference = self._problem.unit_reference
         clean = torch.from_numpy(self._linear.differences(difference, reference)).float()
         images: Images = self._network(self._inputs(clean)).numpy()
         return np.asarray(1 + CONTRAST * images.clip(-1, 1), dtype=np.float32)

@@ -67,7 +67,7 @@ class Peer(Method):
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
         problem = self._problem
         difference = self.unit_frames(problem.difference(voltages))
-        reference = self.unit_frames(problem.reference / problem.gain)
+        reference = self.unit_frames(problem.unit_reference)
         relative = 1 + self._scale * self.contrast(difference, reference)
         images = np.full((len(relative), *problem.mask.shape), problem.background)
         images[:, problem.mask] *= relative.clip(*problem.sensor.conductivity_range)

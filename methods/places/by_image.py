@@ -13,7 +13,7 @@ from eitbench.scenarios.similarity import fit_similarity
 class PlacesOfImages(PlaceMethod):
     """The place of the contact in a method's image, registered by the labelled presses, if any.
 
-    A frame without a contact in its image is placed in the middle of the others.
+    A frame without a contact in its image is placed in the middle of the sensor.
     """
 
     def __init__(self, method: Method) -> None:

@@ -69,7 +69,7 @@ class Network(PlaceMethod):
         The same for all where nothing was learned from.
         """
         if self._blank:
-            return np.zeros((len(self._problem.unit(differences)), 2))
+            return np.tile(middle(self._problem), (len(self._problem.unit(differences)), 1))
         return self._register(self._found(self._problem.unit(differences)))
 
     def _learn_first(self, seen: Presses, phase: TrainingPhase) -> None:

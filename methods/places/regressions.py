@@ -13,6 +13,7 @@ from eitbench.methods.places.kernel_ridge import gaussians, kernel_ridge, linear
 from eitbench.methods.registry import register_place_method
 from eitbench.scenarios.arrays import Array, unit_frames
 from eitbench.scenarios.data.transfer import Presses
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.similarity import Similarity, fit_similarity
 
 _SOURCE = "Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006"
@@ -112,7 +113,12 @@ def learned_from(skins: Mapping[str, Presses], count: int) -> tuple[Presses, lis
     Args:
         skins: by name.
         count: most presses of each, spread evenly over the time of its recording.
+
+    Raises:
+        InputError: there is none.
     """
+    if not skins:
+        raise InputError("There are no other skins to learn from: name some (`others`).")
     parts, rows, start = [], [], 0
     for skin in skins.values():
         spread = np.linspace(0, len(skin) - 1, min(count, len(skin))).round().astype(np.intp)

@@ -20,7 +20,7 @@ from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import cdist
 
 from eitbench.methods.place_method import PlaceMethod, PlaceProblem
@@ -80,7 +80,10 @@ def disc_of(places: Array) -> PressedDisc:
 
     Source: Badoiu and Clarkson, SODA 2003, for the smallest circle, to a thousandth.
     """
-    hull = places[ConvexHull(places).vertices]
+    try:
+        hull = places[ConvexHull(places).vertices]
+    except QhullError:  # they are on a line
+        hull = places
     centre = hull.mean(axis=0)
     for step in range(2, 1000):
         centre = centre + (hull[np.hypot(*(hull - centre).T).argmax()] - centre) / step

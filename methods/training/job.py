@@ -21,6 +21,7 @@ from eitbench.scenarios.data.simulation import clean_frames, nominal_samples
 from eitbench.scenarios.errors import DataCorruptError, InputError, unknown_name
 from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.storage.cache_dir import cache_dir
+from eitbench.scenarios.storage.files import writing
 from eitbench.scenarios.suites.suite import load_suite
 
 if TYPE_CHECKING:
@@ -326,7 +327,9 @@ class TrainingJob:
         path = self.folder / self._file_name
         self._files.save(path, self.sensor, state.best, metadata)
         content = {**metadata, "curve": [epoch.row() for epoch in state.curve]}
-        path.with_suffix(".json").write_text(json.dumps(content, indent=1) + "\n")
+        text = json.dumps(content, indent=1) + "\n"
+        with writing(path.parent):
+            atomic_write(path.with_suffix(".json"), text.encode())
         result = TrainingResult(
             self.request.name, path, False, best.validation, baseline, baseline_loss, loss_before
         )
@@ -334,8 +337,9 @@ class TrainingJob:
         if install == "never" or (install == "better" and result.better):
             return result
         used = user_weights() / path.name  # a copy where the user's own are looked for
-        for suffix in (".json", path.suffix):
-            atomic_write(used.with_suffix(suffix), path.with_suffix(suffix).read_bytes())
+        with writing(used.parent):
+            for suffix in (".json", path.suffix):
+                atomic_write(used.with_suffix(suffix), path.with_suffix(suffix).read_bytes())
         return replace(result, weights=used, in_use=True)
 
     def _loss(self, task: TrainingTask, validation: Data) -> float:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import copy
-import csv
 import math
 import sys
 import time
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
+import pandas as pd
 import torch
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -24,6 +24,8 @@ from eitbench.methods.training.checkpoint import (
 from eitbench.methods.training.request import DivergedError, TrainingInterruptedError
 from eitbench.scenarios.interrupts import termination_interrupts
 from eitbench.scenarios.seeds import generator
+from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.files import writing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -148,10 +150,9 @@ def fit(
                 for state in epochs:
                     state.write(folder, settings)
                     rows = [epoch.row() for epoch in state.curve]
-                    with (folder / "curve.csv").open("w", newline="") as file:
-                        table = csv.DictWriter(file, list(rows[-1]))
-                        table.writeheader()
-                        table.writerows(rows)
+                    table = pd.DataFrame(rows).to_csv(index=False)
+                    with writing(folder):
+                        atomic_write(folder / "curve.csv", table.encode())
                     last = state.curve[-1]
                     line = (
                         f"epoch {last.epoch}/{recipe.epochs}  train {last.train:.3g}  "

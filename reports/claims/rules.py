@@ -414,7 +414,7 @@ def unsupervised_rate(evidence: Evidence) -> Finding:
         [_exactly(fig, rate, slower) for fig, rate in zip(UNSUPERVISED, rates, strict=True)],
         f"`dip` minimises the published loss with alpha = 0 for every frame, through the exact "
         f"model: {rates[0]:.2g} frames per second. A network that is trained with alpha = 0 is "
-        f"PhyDNN's, and takes its time: {rates[1]:.2g}. The sensor makes 10.",
+        f"PhyDNN's, and takes its time: {rates[1]:.2g}. The sensor makes {FRAMES_PER_SECOND:.0f}.",
         conditions=f"one thread of {both[0].machine}",
     )
 

@@ -5,6 +5,7 @@ How sure it is, the fastest of its equals, what ranks, what it was trained on, a
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from typing import TYPE_CHECKING
 
@@ -168,10 +169,12 @@ def _lead(board: BoardData, column: Column) -> str:
     if pair is None:
         return ""
     p = "p < 0.001" if pair["p"] < 0.001 else f"p = {pair['p']:.3f}"
-    low, high = sorted((column.number(abs(pair[end])) for end in ("low", "high")), key=float)
+    # An interval may hold 0 where a test of ranks tells two medians apart.
+    ahead = math.copysign(1, pair["difference"])
+    low, high = (column.number(end) for end in sorted((ahead * pair["low"], ahead * pair["high"])))
     return (
         f"It is ahead of {rows[pair['second']]['label']} by "
-        f"{column.number(abs(pair['difference']))} ({low} to {high}; {p})."
+        f"{column.number(ahead * pair['difference'])} ({low} to {high}; {p})."
     )
 
 

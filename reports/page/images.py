@@ -179,7 +179,7 @@ def _cases(table: pd.DataFrame, by: str | None) -> list[dict[str, Any]]:
     better = mean if METRICS[by].best == "max" else -mean
     if "family" in table and table["family"].notna().any():
         family_of = table.drop_duplicates("sample").set_index("sample")["family"]
-        families = list(dict.fromkeys(family_of.dropna()))[:MOST_FAMILIES]
+        families = list(dict.fromkeys(family_of.dropna()))
         groups = {str(name): better[family_of[better.index] == name] for name in families}
     else:
         groups = {"": better}

@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 
 from eitbench.benchmark import DataCorruptError, EitbenchError, InputError
+from eitbench.benchmark.analysis.catalogue import suite_options
 from eitbench.benchmark.analysis.leaderboard import Row, is_whole
 from eitbench.benchmark.analysis.overall import overall
 from eitbench.benchmark.analysis.results import (
@@ -36,6 +37,7 @@ from eitbench.benchmark.metrics.novelty import NOVELTY, SCORES
 from eitbench.benchmark.metrics.specs import ANCHORS, METRICS, anchored
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
+from eitbench.benchmark.rundir.manifest import suite_of
 from eitbench.benchmark.rundir.run_arrays import kept_open
 from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.evidence import Evidence
@@ -475,8 +477,9 @@ def _command(run: Run, row: Row) -> str:
     plan = run.manifest["plan"]
     kind = "operators" if "operator" in row else "methods"
     name = str(row.get("operator") or row["method"])
-    words = ["eitbench", "run", str(row["suite"]), "--scenarios", str(row["scenario"])]
-    words += [f"--{kind}", name]
+    scenario = str(row["scenario"])
+    words = ["eitbench", "run", *suite_options(suite_of(run.manifest), scenario)]
+    words += ["--scenarios", scenario, f"--{kind}", name]
     if plan["limit"] is not None:
         words += ["--limit", str(plan["limit"])]
     for plugin in plan["plugins"]:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
 
+import numpy as np
 from markupsafe import Markup
 
-from eitbench.benchmark.analysis.overall import MIN_SCENARIOS
+from eitbench.benchmark.analysis.overall import MIN_SCENARIOS, mean_ranks
 from eitbench.benchmark.analysis.results import failures
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
 from eitbench.benchmark.submissions.hidden import is_retired, published_keys, read_hidden
@@ -62,25 +63,24 @@ def overall_table(edition: Edition) -> Table | None:
     if not edition.wins:
         return None
     suites = [suite for suite in edition.suites if suite.report["boards"][0]["kind"] == "method"]
-    ranks = {suite.name: mean_ranks(suite) for suite in suites}
+    ranks = {suite.name: suite_ranks(suite) for suite in suites}
     heads = ["Method", "Comparisons won", "Suites", "Simulated training", *(s.name for s in suites)]
-    trained = {
-        name_of(row): row["training"]
-        for suite in suites
-        for board in suite.boards
-        for row in board["views"][0]["rows"]
-    }
+    trained: dict[str, set[bool]] = {}  # empty where nothing is known
+    for board in (board for suite in suites for board in suite.boards):
+        for of in board["views"][0]["rows"]:
+            known = trained.setdefault(name_of(of), set())
+            known |= set() if of["training"] is None else {bool(of["training"])}
     rows = []
     for row in edition.wins:
         cells: list[Text | Cell] = [
             link(row.method, method_file(row.method)),
             Cell(_share(row), "bar"),
             Cell(str(row.suites), "number"),
-            "yes" if trained.get(row.method) else "no",
+            {True: "yes", False: "no", None: "–"}[max(trained.get(row.method, ()), default=None)],
         ]
         for suite in suites:
-            of = ranks[suite.name].get(row.method)
-            cells.append(Cell("–", "number") if of is None else _rank_cell(*of))
+            rank = ranks[suite.name].get(row.method)
+            cells.append(Cell("–", "number") if rank is None else _rank_cell(*rank))
         rows.append(cells)
     note = (
         "A method is compared with every other one on each data set, by the figure that ranks "
@@ -94,17 +94,21 @@ def overall_table(edition: Edition) -> Table | None:
     return Table("Over all suites", heads, rows, note)
 
 
-def mean_ranks(suite: SuitePart) -> dict[str, tuple[float, int]]:
+def suite_ranks(suite: SuitePart) -> dict[str, tuple[float, int]]:
     """Mean rank of each method over the scenarios of a suite, and the number of methods there.
 
     Methods without a figure on one of the scenarios are left out.
     """
     scenarios = list(suite.figures.values())
+    ranks = [
+        dict(zip(of, mean_ranks(np.array(list(of.values()))).tolist(), strict=True))
+        for of in scenarios
+    ]
     most = max(map(len, scenarios))
     return {
-        name: (sum(1 + sum(v > of[name] for v in of.values()) for of in scenarios) / n, most)
+        name: (sum(of[name] for of in ranks) / len(ranks), most)
         for name in scenarios[0]
-        if (n := sum(name in of for of in scenarios)) == len(scenarios)
+        if all(name in of for of in scenarios)
     }
 
 
@@ -220,7 +224,7 @@ def hidden_table(suite: SuitePart) -> Table | None:
         [*(Cell(text, "number" if k > 2 else "") for k, text in enumerate(gap_texts(gap))), key]
         for gap, key in found
     ]
-    note = gaps_note([gap for gap, _ in found])
+    note = gaps_note()
     if any(key == "key published" for _, key in found):
         note += (
             " Key published: the key was secret when these methods ran. It is published now, so "

@@ -39,6 +39,10 @@ def write_study(folder: Path) -> list[Path]:
     table = read_table(folder / SAMPLES)
     hours = float(table.groupby(_choices(table))["train_s"].first().sum()) / 3600
     rows = STUDIES[options["study"]][0](table)
+    if not rows:
+        raise InputError(
+            f"{folder} holds no two trainings to compare: those of all seeds diverged."
+        )
     summary = cast("StudySummary", options | {"training_hours": round(hours, 2), "rows": rows})
     written = [folder / "summary.json", folder / "summary.md"]
     written[0].write_text(json.dumps(summary, indent=1) + "\n")
@@ -57,8 +61,9 @@ def draw(summary: StudySummary) -> Figure:
 
 def to_markdown(summary: StudySummary) -> str:
     """The rows as a table, below the options and the hours of the study."""
-    heads = list(summary["rows"][0])
-    rows = [list(map(_text, row.values())) for row in summary["rows"]]
+    heads = list(dict.fromkeys(head for row in summary["rows"] for head in row))
+    # A training that diverged has no figures.
+    rows = [[_text(row.get(head, "–")) for head in heads] for row in summary["rows"]]
     options = (
         f"suite {summary['suite']}, epochs {summary['epochs']}, limit {summary['limit']}, "
         f"scored {summary['scored']}, operator {summary['operator']}"
@@ -94,8 +99,15 @@ def _means(table: pd.DataFrame) -> list[StudyRow]:
 
 
 def _differences(table: pd.DataFrame) -> list[StudyRow]:
-    """Return differences to the training without physics, paired by seed and sample."""
+    """Return differences to the training without physics, paired by seed and sample.
+
+    Seeds of which a training diverged are left out.
+    """
     rows = []
+    pairs = table.groupby("seed")["physics"]
+    whole = pairs.transform("nunique") == table["physics"].nunique()
+    lost = table.loc[table["scenario"] == "", "seed"]
+    table = table[whole & ~table["seed"].isin(lost)]
     for scenario, group in table.groupby("scenario", sort=False):
         arrays = {
             str(physics): np.stack(

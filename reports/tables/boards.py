@@ -225,7 +225,8 @@ def _untuned(board: Sequence[Row]) -> list[str]:
 def _costs_of_failures(board: Sequence[Row]) -> list[str]:
     """For each method that lost samples, the rank it would have without them, if another."""
     return [
-        f"{row['method']} failed on some samples: without them its rank is {row['rank_valid']}"
+        f"{row['method']} failed on some samples: without failed ones of all methods its rank is "
+        f"{row['rank_valid']}"
         for row in board
         if row.get("rank_valid") not in (None, row["rank"]) and row["coverage"] < 1
     ]
@@ -240,7 +241,8 @@ def _noise(board: Sequence[Row]) -> list[str]:
         parts.append(
             f"SNR {frame:.0f} dB of the frame, {touch:.0f} dB of its change by the touch (medians)"
         )
-    if distance is not None:
+    # What it says of frames is no longer so where these are calibrated.
+    if distance is not None and board[0]["track"] != "calibrated":
         parts.append(
             f"the nominal model's error is {distance:.0f} dB smaller than the change by the touch "
             "(median)"

@@ -10,7 +10,8 @@ LEVELS = tuple(range(1, 8))
 TARGETS = 3
 """Of a level."""
 LEGEND = (
-    "KTC2023, scores summed over 3 targets a level, 21 in all. Open test: all truths are public. "
+    f"KTC2023, scores summed over {TARGETS} targets a level, {TARGETS * len(LEVELS)} in all. Open "
+    "test: all truths are public. "
     "Published, not run here: official results, Denker et al., arXiv 2407.01559, Table 2; the "
     "organisers' baseline: results of their codes in LJK666666666/EIT_KTC2023_4."
 )

@@ -1,7 +1,5 @@
 """Methods on the open and the hidden test split, as rows of a table."""
 
-from collections.abc import Sequence
-
 from eitbench.benchmark.analysis.leaderboard import Row
 from eitbench.benchmark.analysis.results import Run
 from eitbench.benchmark.metrics.specs import METRICS
@@ -44,12 +42,11 @@ def _verdict(gap: Gap) -> str:
     return "falls by more than chance" if gap.falls else "no fall found"
 
 
-def gaps_note(gaps: Sequence[Gap]) -> str:
-    """Return a sentence on how the gaps were tested."""
-    tested = sum(gap.p is not None for gap in gaps)
+def gaps_note() -> str:
+    """Return sentences on how gaps were tested."""
     return (
-        f"Difference: hidden minus open. p: of no difference, two-sided, adjusted for the {tested} "
-        "gaps of this table (Holm). The two sets are drawn apart from each other, so both vary by "
+        "Difference: hidden minus open. p: of no difference, two-sided, adjusted for all gaps of "
+        "the same run (Holm). The two sets are drawn apart from each other, so both vary by "
         f"chance; whole sessions are drawn, and fewer than {MIN_CLUSTERS} give no test."
     )
 

@@ -59,13 +59,13 @@ class Dataset:
             object, `cluster` what it shares with others: only frames of different clusters are
             independent. Simulated: `session`, `family`, `shape`, `snr_db` and `touch_snr_db` of
             the frame and of what the touch changes in it (NaN if clean), `model_distance_db` (see
-            `distance_of_touch`; NaN outside the test split), `inclusions` and what was drawn (NaN
-            where a family has no such value).
+            `distance_of_touch`; before any calibration; NaN outside the test split), `inclusions`
+            and what was drawn (NaN where a family has no such value).
             Recorded: columns of the set, such as `x_m`, `y_m`, `depth_mm`.
         truth: kind of truth that is known of each frame.
         data_hash: SHA-256 of all declared parameters.
-        inverse_crime: true if the mesh of the data is no finer than the one methods invert with;
-            None for recorded data.
+        inverse_crime: true if the test split comes from the mesh that methods invert with; None
+            for recorded data.
         phantoms: the simulated phantoms.
         classes: (n, H, W) int8 truth of recorded sets that know it: 0 background, -1 resistive,
             +1 conductive.

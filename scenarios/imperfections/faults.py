@@ -54,7 +54,10 @@ def _silent(reference: Array, modelled: Array, taking_part: Array) -> Array:
     size = np.sqrt(reference**2 @ taking_part.T) / np.where(expected > 0, expected, np.inf)
     if not (expected > 0).any():
         return np.full(size.shape, np.inf)
-    typical = np.median(size[..., expected > 0], axis=-1, keepdims=True)
+    # Where a connector is off, most electrodes send exact zeros: a typical one is none of these.
+    heard = np.where((expected > 0) & (size > 0), size, np.nan)
+    some = np.isfinite(heard).any(axis=-1, keepdims=True)
+    typical = np.nanmedian(np.where(some, heard, 0.0), axis=-1, keepdims=True)
     known = (expected > 0) & (typical > 0)
     return np.asarray(np.divide(size, typical, out=np.full(size.shape, np.inf), where=known))
 

@@ -101,7 +101,7 @@ class Imperfections(Declaration):
 
     @property
     def drawn(self) -> bool:
-        """True if one unit differs from another."""
+        """True if one unit differs from another, or a touch depends on the one before it."""
         names = _OF_ELECTRODES | _OF_MATERIAL | {"gain", "offset", "mains"}
         return any(getattr(self, name) for name in names)
 

@@ -9,7 +9,7 @@ from scipy import ndimage, sparse
 
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.sensors.outlines import is_rectangle
+from eitbench.scenarios.sensors.outlines import Polygon, is_rectangle
 from eitbench.scenarios.sensors.sensor import Sensor
 
 # A triangle straddles pixels; its share in each is counted on SUBDIVISION**2 equal sub-triangles.
@@ -58,8 +58,10 @@ def build_mesh(sensor: Sensor) -> Mesh:
 
 def grid_mesh(sensor: Sensor) -> Mesh:
     """The pixel grid itself: (H+1)(W+1) nodes, one quadrilateral per pixel."""
+    assert isinstance(sensor.outline, Polygon)
     height, width = sensor.image_shape
     x0, y0, x1, y1 = sensor.outline.bounds
+    vertices = sensor.outline.vertices
     # Rows are numbered along the shorter side: the bandwidth of the system is that side.
     number = np.arange((height + 1) * (width + 1), dtype=np.int64).reshape(
         height + 1, width + 1, order="C" if width <= height else "F"
@@ -71,7 +73,9 @@ def grid_mesh(sensor: Sensor) -> Mesh:
     elements = np.stack(corners, axis=-1).reshape(-1, 4)
     rim = np.concatenate([number[0], number[1:, -1], number[-1, -2::-1], number[-2::-1, 0]])
     steps = np.hypot(*np.diff(nodes[rim], axis=0).T)
-    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    # Arc length runs from the first vertex of the outline, which may be another corner than this.
+    (start,) = sensor.outline.corners[[corner == (x0, y0) for corner in vertices]]
+    arc = start + np.concatenate([[0.0], np.cumsum(steps)])
     arcs = np.column_stack([arc[:-1], arc[1:]])
     return Mesh(
         nodes,

@@ -233,7 +233,7 @@ def _samples(
 ) -> pd.DataFrame:
     """Samples of n touches, from k labels: forces add up, depth and pressure are shared.
 
-    Columns that hold nothing are left out, and a state that only some touches have.
+    Loads that no touch has are left out, and a state that only some touches have.
     """
     n, most = (int(part.max(initial=-1)) + 1 for part in (touch, number))
     by_touch = labels.groupby(touch)

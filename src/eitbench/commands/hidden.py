@@ -109,6 +109,6 @@ def gap(
         print_json(found.model_dump(mode="json"))
         return
     print_renderable(gaps_table(found.gaps))
-    typer.echo(gaps_note(found.gaps))
+    typer.echo(gaps_note())
     if path is not None:
         typer.echo(f"Record: {path}")

@@ -103,6 +103,21 @@ def test_a_margin_changes_no_p_value(figure: str) -> None:
     assert without < beyond < 0.05
 
 
+def test_gains_of_others_excuse_no_loss_without_a_margin() -> None:
+    rng = np.random.default_rng(0)
+    old = {f"m{k}": rng.normal(5, 1, size=N) for k in range(10)}
+    new = {name: values + 0.5 + 0.1 * rng.normal(size=N) for name, values in old.items()}
+    # A loss that only just shows: as one of ten tests of a margin it would not.
+    new["m0"] = old["m0"] - 0.04 + 0.1 * rng.normal(size=N)
+    changes = by_method(compare(results(old), results(new), {"score": 0.0}).changes)
+    lost = changes.pop("m0")
+    assert lost.p is not None
+    assert 0.005 < lost.p < 0.05
+    assert lost.p_margin == lost.p
+    assert lost.verdict == "worse"
+    assert {change.verdict for change in changes.values()} == {"better"}
+
+
 def test_few_sessions_show_plain_differences() -> None:
     found = compare(*before_and_after(9))
     assert {change.verdict for change in found.changes} == {"equal", "too few to test"}

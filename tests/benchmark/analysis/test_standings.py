@@ -380,3 +380,23 @@ def test_the_published_score_is_a_weighting_of_anchored_figures() -> None:
     weights = score_weights()
     assert sum(weights.values()) == pytest.approx(1)
     assert weights["psnr"] == pytest.approx(40 / 43)
+
+
+def test_a_method_that_never_responds_is_compared_with_nobody() -> None:
+    """It has no figure, stands last, and is not the best of any draw."""
+    rng = np.random.default_rng(0)
+    touched = np.arange(80) % 2 == 0
+    responses = {
+        name: np.where(touched, signal, 1) * (1 + 0.1 * rng.random(80))
+        for name, signal in (("good", 30.0), ("poor", 3.0))
+    }
+    responses["silent"] = np.zeros(80)
+    made = run_of(dict.fromkeys(responses, np.zeros(80)), response=responses)
+    table = made.samples.drop(columns=["ssim", "cc", "rie", "psnr", "score", "bounded"])
+    found = standings([replace(made, samples=table.assign(touched=np.tile(touched, 3)))])[0]
+    rows = {row["method"]: row for row in found.rows}
+    assert rows["good"]["ranked_by"] == "repeatability_db"
+    assert [row["method"] for row in found.rows] == ["good", "poor", "silent"]
+    assert (rows["good"]["first"], rows["good"]["rank_high"]) == (1.0, 1)
+    assert rows["silent"]["first"] is rows["silent"]["rank_low"] is rows["silent"]["group"] is None
+    assert [(pair.first, pair.second) for pair in found.pairs] == [(0, 1)]

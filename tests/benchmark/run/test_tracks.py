@@ -194,6 +194,26 @@ def test_a_method_without_a_choice_has_one_track() -> None:
     assert found == {"default_figure": 2.0}
 
 
+@pytest.mark.slow
+def test_the_tuned_track_stands_beside_parameters_of_a_users_own(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EITBENCH_CACHE", str(run.parent / "cache"))
+    plan = make_plan(
+        SUITE,
+        methods=["constant"],
+        plugins=[PLUGIN],
+        parameters={"constant": {"factor": 1.1}},
+        tracks=("default", "tuned", "oracle"),
+    )
+    (row,) = ranked_rows([start_run(plan, tmp_path / "run").path])
+    assert (row["track"], row["score"]) == ("given", pytest.approx(score(1.1)))
+    assert row["default_figure"] == pytest.approx(score(1.4))
+    assert row["tuned_figure"] == pytest.approx(score(0.9))
+    assert row["oracle_figure"] == pytest.approx(score(1.0))
+    assert row["tuning_gain"] == pytest.approx(score(0.9) - score(1.4))
+
+
 def test_an_unknown_track_is_refused_and_operators_have_none() -> None:
     with pytest.raises(InputError, match="Unknown track 'orcale': did you mean 'oracle'"):
         make_plan(SUITE, tracks=["orcale"])

@@ -104,9 +104,13 @@ def test_the_answer_names_ties_and_the_fastest(many: Path) -> None:
 
 def test_the_answer_says_how_far_ahead_the_best_is(build: Any, dataset_of: Any) -> None:
     build.add_scaled(dataset_of("conductivity", 12), {"good": 0.9, "poor": 0.5})
-    said = answer(report_data([build.write()])["boards"][0])
+    (board,) = report_data([build.write()])["boards"]
+    said = answer(board)
     assert re.search(r"good is the best: S [\d.]+ \(95 %: [\d.]+ to [\d.]+\)\.", said)
     assert re.search(r"ahead of poor by [\d.]+ \([\d.]+ to [\d.]+; p < 0.001\)\.", said)
+    # Ranks of paired differences may tell two medians apart whose interval holds 0.
+    board["pairs"][0] |= {"difference": 0.21, "low": -0.28, "high": 0.56}
+    assert "ahead of poor by 0.210 (-0.280 to 0.560; p < 0.001)." in answer(board)
 
 
 @pytest.mark.slow

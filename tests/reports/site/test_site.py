@@ -132,6 +132,14 @@ def test_the_front_counts_what_methods_win(build: Any, dataset_of: Any, tmp_path
     assert cells(page, "Over the 2 scenarios") == [["good", "1.00", "100%"], ["poor", "2.00", "0%"]]
 
 
+def test_equals_share_the_mean_of_their_ranks(build: Any, dataset_of: Any, tmp_path: Path) -> None:
+    build.add_scaled(dataset_of("conductivity", 12), {"one": 0.9, "two": 0.9, "poor": 0.2})
+    build.write()
+    (front, *_) = write_site(tmp_path, tmp_path / "site")
+    ranks = {row[0]: row[-1] for row in cells(front.read_text(), "Over all suites")}
+    assert ranks == {"one": "1.5 of 3", "two": "1.5 of 3", "poor": "3 of 3"}
+
+
 def test_data_that_suites_share_count_once(
     run_builder: Any, dataset_of: Any, tmp_path: Path
 ) -> None:

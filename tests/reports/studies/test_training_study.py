@@ -61,6 +61,14 @@ def test_differences_are_paired_by_seed_and_sample(tmp_path: Path) -> None:
     assert summary(tmp_path)["training_hours"] == 3.0  # six trainings of half an hour
     assert "| easy | fem | psnr |" in (tmp_path / "summary.md").read_text()
 
+    # A training that diverged is stored as a row without figures.
+    lost = {"physics": "fem", "seed": 3, "scenario": "", "sample": 0, "train_s": 60.0}
+    alone = [row | {"seed": 3} for row in rows if row["physics"] == "none" and row["seed"] == 0]
+    stored(tmp_path, "physics", [*rows, lost, *alone])
+    assert {(r["scenario"], r["metric"]): r for r in summary(tmp_path)["rows"]} == found
+    with pytest.raises(InputError, match="those of all seeds diverged"):
+        stored(tmp_path, "physics", [lost, *alone])
+
 
 def test_the_mean_of_every_choice_has_its_interval_and_a_lost_one_stands_empty(
     tmp_path: Path,

@@ -35,6 +35,16 @@ def test_a_dead_electrode_spoils_what_it_drives_or_senses(dead: tuple[int, ...])
     np.testing.assert_array_equal(many, [touched, np.zeros_like(touched)])
 
 
+@pytest.mark.parametrize("lost", [7, 8, 9])
+def test_a_connector_that_is_off_is_told_from_saturation(lost: int) -> None:
+    """More than half of the electrodes send exact zeros."""
+    dead = np.arange(16) < lost
+    frame = np.where(np.isin(SENSOR.pattern.table, np.arange(lost)).any(axis=1), 0.0, FRAME)
+    found = dead_electrodes(frame, FRAME, SENSOR.pattern)
+    np.testing.assert_array_equal(found | never_alone(found, SENSOR.pattern), dead)
+    assert not saturated_values(frame, FRAME, SENSOR.pattern).any()
+
+
 @pytest.mark.parametrize("dead", [(3,), (6,), (3, 6), (3, 6, 8)])
 def test_a_partner_of_a_dead_electrode_is_not_dead(dead: tuple[int, ...]) -> None:
     """What electrodes 3 and 6 have in common is large, as where they are near to each other."""

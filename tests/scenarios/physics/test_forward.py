@@ -148,6 +148,27 @@ def test_electrode_across_the_start_of_the_rim() -> None:
     assert np.linalg.norm(frames[0] - frames[1]) < 2e-3 * np.linalg.norm(frames[0])
 
 
+@pytest.mark.parametrize("first", [1, 2, 3])
+def test_a_rectangle_may_begin_at_any_corner(first: int) -> None:
+    """Electrodes at the same places of it give the same frame, on pixels as on triangles."""
+    nominal = sensor("foam16")
+    assert isinstance(nominal.outline, Polygon)
+    corners = nominal.outline.vertices
+    begun = Polygon((*corners[first:], *corners[:first]))
+    start = nominal.outline.corners[first]
+    moved = replace(
+        nominal,
+        outline=begun,
+        electrodes=tuple(
+            replace(e, centre=(e.centre - start) % begun.perimeter) for e in nominal.electrodes
+        ),
+    )
+    expected, found = (
+        model.voltages(model.background) for model in map(forward_model, (nominal, moved))
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
 def test_equal_sensors_share_a_model() -> None:
     assert forward_model(sensor("foam16")) is forward_model(sensor("foam16"))
     assert forward_model(sensor("foam16")) is not forward_model(sensor("foam16", offset=4))
