@@ -228,7 +228,7 @@ class DnnRandomised(ImageNetworkMethod):
 
     source: ClassVar[str] = "Tobin et al., IROS 2017, 23"
     files: ClassVar = WeightFiles("dnn-randomised")
-    recipe: ClassVar = Recipe(epochs=10, rate=5e-4)
+    recipe: ClassVar = Recipe(epochs=25, rate=5e-4)
     begins_with: ClassVar = Dnn.files
 
 
