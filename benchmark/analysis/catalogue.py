@@ -17,7 +17,7 @@ from eitbench.scenarios.catalogue import sensors
 from eitbench.scenarios.docstrings import first_line
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.recordings.descriptors import RecordedSet
-from eitbench.scenarios.suites.suite import Suite, load_suite, suites
+from eitbench.scenarios.suites.suite import load_suite, suites
 
 Recording = RecordedSet
 """The descriptor of a recorded set."""
@@ -100,18 +100,23 @@ def packaged_suites() -> list[str]:
     return sorted(suites())
 
 
-def suite_options(suite: Suite, scenario: str) -> list[str]:
+def suite_options(declared: Mapping[str, Any], scenario: str) -> list[str]:
     """The words of a command that name a suite, and the sensor that it was moved to.
 
     A suite of a user's own stands there as a file of its name.
+
+    Args:
+        declared: the suite, as a manifest describes it.
+        scenario: the name of one of its scenarios.
     """
-    if suite.name not in suites():
-        return [f"{suite.name}.toml"]
-    own, here = (
-        getattr({s.name: s for s in of.scenarios}.get(scenario), "sensor", None)
-        for of in (load_suite(suite.name), suite)
-    )
-    return [suite.name] if here == own else [suite.name, "--sensor", Path(str(here)).name]
+    name = str(declared["name"])
+    if name not in suites():
+        return [f"{name}.toml"]
+    own = {of.name: of for of in load_suite(name).scenarios}.get(scenario)
+    here = {of["name"]: of for of in declared.get("scenarios", ())}.get(scenario, {}).get("sensor")
+    if here is None or here == getattr(own, "sensor", None):
+        return [name]
+    return [name, "--sensor", Path(here).name]
 
 
 def about_recording(name: str) -> Recording | None:

@@ -37,7 +37,6 @@ from eitbench.benchmark.metrics.novelty import NOVELTY, SCORES
 from eitbench.benchmark.metrics.specs import ANCHORS, METRICS, anchored
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.benchmark.rundir.manifest import suite_of
 from eitbench.benchmark.rundir.run_arrays import kept_open
 from eitbench.reports.claims.claim import Verdict
 from eitbench.reports.claims.evidence import Evidence
@@ -478,7 +477,7 @@ def _command(run: Run, row: Row) -> str:
     kind = "operators" if "operator" in row else "methods"
     name = str(row.get("operator") or row["method"])
     scenario = str(row["scenario"])
-    words = ["eitbench", "run", *suite_options(suite_of(run.manifest), scenario)]
+    words = ["eitbench", "run", *suite_options(plan["suite"], scenario)]
     words += ["--scenarios", scenario, f"--{kind}", name]
     if plan["limit"] is not None:
         words += ["--limit", str(plan["limit"])]
