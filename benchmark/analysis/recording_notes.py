@@ -58,7 +58,7 @@ def notes_of(scenario: RecordedScenario, n: int) -> dict[str, float | None]:
 
     `reciprocity_error` and `repeat_noise` are relative, see `quality`. Guessing gives all contacts
     the mean place of those of the validation split, and has the figures of `GUESS`: the median over
-    contacts, and of single presses those of a method.
+    touches of the mean over contacts, and of single presses those of a method.
     `guess_force_n` and `guess_load_percent` are the errors of always guessing the mean load of the
     validation split. None where not defined.
     """

@@ -13,7 +13,7 @@ from eitbench.methods.shapes.raster import Grid, paint_polygons, paint_rings, pi
 from eitbench.scenarios.arrays import Array, Mask
 from eitbench.scenarios.compiling import compiled
 from eitbench.scenarios.phantoms.families import Family
-from eitbench.scenarios.phantoms.phantom import Phantom
+from eitbench.scenarios.phantoms.phantom import Phantom, size_column
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.phantoms.regions import RIM_POINTS, Circle
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -206,7 +206,7 @@ class Parameters:
             vector += [drawn[f"x{number}_m"] / self.side, drawn[f"y{number}_m"] / self.side]
             vector += [drawn[f"angle{number}_rad"]] if turned else []
             vector += [
-                drawn[n] if n.endswith("ratio") else drawn[f"{n}{number}_m"] / self.side
+                drawn[size_column(n, number)] / (1 if n.endswith("_ratio") else self.side)
                 for n in names
             ]
             if self.family.pressure:

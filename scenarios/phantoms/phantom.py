@@ -112,7 +112,7 @@ def draw(family: Family, sensor: Sensor, rng: np.random.Generator) -> Phantom:
             f"angle{number}_rad": pose.angle,
             f"conductivity{number}" if family.pressure is None else f"pressure{number}_pa": level,
         }
-        parameters |= {n if _is_ratio(n) else f"{n}{number}_m": v for n, v in size.items()}
+        parameters |= {size_column(n, number): v for n, v in size.items()}
     kinds = dict.fromkeys(shape.name for shape in shapes)
     name = ", ".join(kinds) if len(family.shapes) > 1 else family.name
     return Phantom(family.name, name, sensor.background, tuple(inclusions), parameters)
@@ -126,14 +126,20 @@ def _inclusion(family: Family, region: Region, level: float) -> Patch | SoftPres
     return SoftPress(region, level)
 
 
-def _is_ratio(size: str) -> bool:
-    return size.endswith("ratio")
+def size_column(size: str, number: str) -> str:
+    """The name of a size of an inclusion among a phantom's parameters, by its `number`, "_1".
+
+    Lengths say their unit; what is a ratio says so.
+    """
+    if size.endswith("_ratio"):
+        return f"{size.removesuffix('_ratio')}{number}_ratio"
+    return f"{size}{number}_m"
 
 
 def _sizes(shape: Shape, side: float, rng: np.random.Generator) -> dict[str, float]:
     """Sizes [m] of a `shape` on a sensor of the given `side` [m]."""
     drawn = {name: float(rng.uniform(*limits)) for name, limits in shape.sizes.items()}
-    return {n: v if _is_ratio(n) else v * side for n, v in drawn.items()}
+    return {n: v if n.endswith("_ratio") else v * side for n, v in drawn.items()}
 
 
 def _places(

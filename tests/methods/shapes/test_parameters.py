@@ -1,6 +1,7 @@
 """Shapes as vectors of parameters: their images, derivatives and prior."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,6 +22,17 @@ def drawn(name: str, count: int) -> tuple[Parameters, list[Phantom]]:
     return Parameters(FAMILIES[name], SENSOR), [
         draw(FAMILIES[name], SENSOR, rng) for _ in range(count)
     ]
+
+
+def test_several_shapes_with_ratios_are_those_of_phantoms() -> None:
+    """Each has its own, and a column of its own."""
+    family = replace(FAMILIES["ring"], name="two-rings", count=2)
+    parameters, rng = Parameters(family, SENSOR), np.random.default_rng(1)
+    for phantom in (draw(family, SENSOR, rng) for _ in range(20)):
+        assert phantom.parameters["inner_1_ratio"] != phantom.parameters["inner_2_ratio"]
+        image = parameters.image(parameters.of_phantom(phantom))
+        truth = rasterise(phantom, SENSOR) / SENSOR.background
+        assert np.abs(image - truth).max() < 1e-9
 
 
 @pytest.mark.parametrize("name", SHAPES)
