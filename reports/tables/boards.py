@@ -225,8 +225,8 @@ def _untuned(board: Sequence[Row]) -> list[str]:
 def _costs_of_failures(board: Sequence[Row]) -> list[str]:
     """For each method that lost samples, the rank it would have without them, if another."""
     return [
-        f"{row['method']} failed on some samples: without failed ones of all methods its rank is "
-        f"{row['rank_valid']}"
+        f"{row['method']} failed on some samples: if such of each method were left out, its rank "
+        f"would be {row['rank_valid']}"
         for row in board
         if row.get("rank_valid") not in (None, row["rank"]) and row["coverage"] < 1
     ]
