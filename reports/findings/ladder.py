@@ -157,7 +157,7 @@ def draw(ladder: Ladder) -> Figure:
     if ladder.severities:
         _draw_curves(panels[0], ladder)
     for axes, rung in zip(panels[len(panels) - len(sets) :], sets, strict=True):
-        _draw_real(axes, ladder, rung, named=rung == sets[-1])
+        _draw_real(axes, ladder, rung, last=rung == sets[-1])
     return figure
 
 
@@ -173,10 +173,11 @@ def _draw_losses(axes: Axes, ladder: Ladder) -> None:
         loss[place] = np.nan if step.loss is None else max(step.loss.value, 0.0)
     most = float(np.nanmax([0.05, *loss.flat]))
     shown = axes.imshow(loss, cmap="YlOrRd", aspect="auto", vmin=0, vmax=most)
+    size = min(6.0, 110 / len(ladder.methods))  # so that numbers of neighbours do not touch
     for (i, j), number in np.ndenumerate(value):
         if not math.isnan(number):
             axes.text(
-                j, i, f"{number:.2f}".removeprefix("0"), ha="center", va="center", fontsize=6,
+                j, i, f"{number:.2f}".removeprefix("0"), ha="center", va="center", fontsize=size,
                 color="white" if loss[i, j] > 0.6 * most else "black",
             )  # fmt: skip
     names = [printable(method) for method in ladder.methods]
@@ -205,15 +206,23 @@ def _draw_curves(axes: Axes, ladder: Ladder) -> None:
     )  # fmt: skip
 
 
-def _draw_real(axes: Axes, ladder: Ladder, rung: str, *, named: bool) -> None:
-    """Nominal (filled) and calibrated (open) figures of one recorded set; `named` below it."""
-    for k, method in enumerate(ladder.methods):
-        real = ladder.real.get((rung, method))
-        if real is not None and real.value is not None:
-            axes.plot(k, real.value, "o", ms=3.5, color=COLOURS[0])
-        if real is not None and real.calibrated is not None:
-            axes.plot(k, real.calibrated, "o", ms=6, mfc="none", color=COLOURS[1])
-    names = [printable(method) if named else "" for method in ladder.methods]
+def _draw_real(axes: Axes, ladder: Ladder, rung: str, *, last: bool) -> None:
+    """Nominal and calibrated figures of one recorded set; what is what stands below the `last`."""
+    reals = [ladder.real.get((rung, method)) for method in ladder.methods]
+    for figures, label, style in (
+        ([real and real.value for real in reals], "as recorded", {"ms": 3.5, "color": COLOURS[0]}),
+        (
+            [real and real.calibrated for real in reals],
+            "calibrated",
+            {"ms": 6, "mfc": "none", "color": COLOURS[1]},
+        ),
+    ):
+        values = [math.nan if figure is None else figure for figure in figures]
+        axes.plot(range(len(values)), values, "o", label=label, **style)  # type: ignore[arg-type]
+    axes.margins(y=0.15)
+    if last:
+        axes.legend(fontsize=5.5, frameon=False, loc="best", handletextpad=0.2)
+    names = [printable(method) if last else "" for method in ladder.methods]
     axes.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
     axes.tick_params(axis="x", labelsize=6)
     axes.set_title(_titled(ladder, rung), loc="left")
