@@ -243,7 +243,7 @@ def digest(run: Path) -> str:
 
 
 def note_reproduced(submission: Submission, n: int) -> Path:
-    """Note beside the run directory that `n` samples of each scenario were run again.
+    """Note beside the run directory that at least `n` samples of each scenario were run again.
 
     Returns:
         The file. It says so as "32 of 36 samples", with those of the largest scenario.

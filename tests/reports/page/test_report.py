@@ -69,7 +69,7 @@ def test_the_data_are_those_of_the_leaderboard(many: Path, full_run: Path) -> No
     ]  # fmt: skip
     assert rows["poor"]["group"] not in (rows["good"]["group"], rows["as-good"]["group"])
     assert rows["good"]["command"] == (
-        "eitbench run bench --scenarios conductivity-set --methods good"
+        "eitbench run bench.toml --scenarios conductivity-set --methods good"
     )
     assert f"'{NASTY}'" in rows[NASTY]["command"]
     assert board["clusters"] == 24

@@ -94,7 +94,7 @@ def test_a_method_has_what_eitbench_says_of_it(runs: Path, tmp_path: Path) -> No
     assert 'href="https://doi.org/10.1002/ima.1850020203"' in page
     assert "code/methods/classical/noser.py.txt" in page
     assert '@register("noser")' in (out / "code/methods/classical/noser.py.txt").read_text()
-    assert "eitbench run bench --scenarios conductivity-set --methods noser" in page
+    assert "eitbench run bench.toml --scenarios conductivity-set --methods noser" in page
     assert (out / "images" / "bench" / "noser.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -125,8 +125,8 @@ def test_the_front_counts_what_methods_win(build: Any, dataset_of: Any, tmp_path
     build.write()
     (front, *_) = write_site(tmp_path, tmp_path / "site")
     assert cells(front.read_text(), "Over all suites") == [
-        ["good", "100%", "1", "no", "1 of 2"],
-        ["poor", "0%", "1", "no", "2 of 2"],
+        ["good", "100%", "1", "–", "1 of 2"],
+        ["poor", "0%", "1", "–", "2 of 2"],
     ]
     page = (tmp_path / "site" / "suites" / "bench.html").read_text()
     assert cells(page, "Over the 2 scenarios") == [["good", "1.00", "100%"], ["poor", "2.00", "0%"]]
@@ -326,9 +326,9 @@ def test_a_method_has_one_row_over_all_suites_whatever_runs_hold_it(
     out = tmp_path / "site"
     (front, *_) = write_site(board.parent, out)
     assert cells(front.read_text(), "Over all suites") == [
-        ["mine", "100%", "1", "no", "1 of 3"],
-        ["good", "50%", "1", "no", "2 of 3"],
-        ["poor", "0%", "1", "no", "3 of 3"],
+        ["mine", "100%", "1", "–", "1 of 3"],
+        ["good", "50%", "1", "–", "2 of 3"],
+        ["poor", "0%", "1", "–", "3 of 3"],
     ]
     page = (out / "suites" / "bench.html").read_text()
     assert [(row[1], row[-1]) for row in cells(page, "conductivity-set")] == [
