@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 from docs.tables.record import STUDIES, printed
 
+from eitbench.benchmark.ceiling.drawing import told
 from eitbench.benchmark.ceiling.figures import TRACES, summary
 from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.scenarios.suites.suite import load_suite
@@ -29,8 +30,8 @@ _CHECKS = {
 
 
 def frames(suite: str = "noise") -> pd.DataFrame:
-    """Return the recorded frames of a suite, scenario after scenario."""
-    scenarios = load_suite(suite).scenarios
+    """Return the recorded frames of a suite, scenario after scenario; clean ones at 70 dB."""
+    scenarios = map(told, load_suite(suite).scenarios)
     return pd.concat([recorded_frames(of.name, of.data_hash("test")) for of in scenarios])
 
 
