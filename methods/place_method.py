@@ -105,7 +105,7 @@ class PlaceMethod(Described, ABC):
     presses nobody can know these: its places may be in any coordinates that are similar to them,
     turned, mirrored, shifted and scaled, and the benchmark fits that similarity to presses whose
     places it never shows. A method that says the same place for all of them is taken to mean the
-    middle of these presses.
+    median of these presses.
     """
 
     @abstractmethod

@@ -55,7 +55,7 @@ UNCERTAINTY = {
             "crps",
             "CRPS",
             formula="mean over pixels of mean |x_i - t| - sum |x_i - x_j| / (2 K (K - 1)), x_i the "
-            "K = 39 draws of a pixel; without spread it is the mean |p - t|",
+            f"K = {DRAWS} draws of a pixel; without spread it is the mean |p - t|",
             domain=_STATED,
             unit="S/m",
             best="min",
@@ -114,7 +114,7 @@ UNCERTAINTY = {
             best="min",
             form=".3f",
             traps="0 where deviations rank pixels as errors do. Blind to their scale. Deviations "
-            "are those of the 39 draws.",
+            f"are those of the {DRAWS} draws.",
         ),
         *(
             MetricSpec(

@@ -31,7 +31,7 @@ class PlacesOfImages(PlaceMethod):
             self._register = fit_similarity(self._found(labelled.differences), labelled.places)
 
     def locate(self, differences: Array) -> Array:
-        """Places (n, 2) [m], in the sensor's coordinates where there are no labelled presses."""
+        """Places (n, 2) [m], in the sensor's coordinates where too few presses are labelled."""
         found = self._found(differences)
         lost = np.isnan(found[:, 0])
         x0, y0, x1, y1 = self._problem.physics.sensor.outline.bounds

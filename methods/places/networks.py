@@ -64,7 +64,7 @@ class Network(PlaceMethod):
         self.train_s = sum(network.train_s for network in self._networks)
 
     def locate(self, differences: Array) -> Array:
-        """Places (n, 2) [m]; in the coordinates of the sensor where none are labelled.
+        """Places (n, 2) [m]; in the coordinates of the sensor where too few are labelled.
 
         The same for all where nothing was learned from.
         """

@@ -103,7 +103,7 @@ class KernelRidgeOfSkins(PlaceMethod):
         self._places = corrected(learned, problem)
 
     def locate(self, differences: Array) -> Array:
-        """Places (n, 2) [m]; in the coordinates of the sensor where none are labelled."""
+        """Places (n, 2) [m]; in the coordinates of the sensor where too few are labelled."""
         return self._places(self._problem.unit(differences))
 
 
