@@ -8,6 +8,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -100,6 +101,12 @@ def packaged_suites() -> list[str]:
     return sorted(suites())
 
 
+@cache  # every row of a report asks
+def _sensors_of(suite: str) -> dict[str, Any]:
+    """The sensor of each scenario of a packaged suite; None where it is recorded."""
+    return {of.name: getattr(of, "sensor", None) for of in load_suite(suite).scenarios}
+
+
 def suite_options(declared: Mapping[str, Any], scenario: str) -> list[str]:
     """The words of a command that name a suite, and the sensor that it was moved to.
 
@@ -112,9 +119,9 @@ def suite_options(declared: Mapping[str, Any], scenario: str) -> list[str]:
     name = str(declared["name"])
     if name not in suites():
         return [f"{name}.toml"]
-    own = {of.name: of for of in load_suite(name).scenarios}.get(scenario)
-    here = {of["name"]: of for of in declared.get("scenarios", ())}.get(scenario, {}).get("sensor")
-    if here is None or here == getattr(own, "sensor", None):
+    scenarios = (of for of in declared.get("scenarios", ()) if of["name"] == scenario)
+    here = next(scenarios, {}).get("sensor")
+    if here is None or here == _sensors_of(name).get(scenario):
         return [name]
     return [name, "--sensor", Path(here).name]
 
