@@ -119,8 +119,8 @@ def suite_options(declared: Mapping[str, Any], scenario: str) -> list[str]:
     name = str(declared["name"])
     if name not in suites():
         return [f"{name}.toml"]
-    scenarios = (of for of in declared.get("scenarios", ()) if of["name"] == scenario)
-    here = next(scenarios, {}).get("sensor")
+    scenarios = declared.get("scenarios", ())
+    here = next((of.get("sensor") for of in scenarios if of["name"] == scenario), None)
     if here is None or here == _sensors_of(name).get(scenario):
         return [name]
     return [name, "--sensor", Path(here).name]
