@@ -69,7 +69,7 @@ class Overall:
     left_out: list[str]
 
 
-def mean_ranks(figures: Array) -> Array:
+def mid_ranks(figures: Array) -> Array:
     """Ranks (..., k) of figures (..., k), the largest first; equals share the mean of theirs."""
     return np.asarray(stats.rankdata(-np.round(figures, _DIGITS), axis=-1))
 
@@ -95,7 +95,7 @@ def overall(
     if n < 2 or k < 2:
         return None
     table = np.array([[of[name] for name in names] for of in figures.values()])
-    ranks = mean_ranks(table)
+    ranks = mid_ranks(table)
     first = ranks == ranks.min(axis=1, keepdims=True)
     wins = first / first.sum(axis=1, keepdims=True)
     both = np.hstack([ranks, wins])
@@ -180,7 +180,7 @@ def wins_over_suites(figures: Iterable[DataFigures]) -> list[WinsRow]:
             largest[of.data] = of
     shares: dict[str, dict[str, list[float]]] = {}
     for suite, _, known in largest.values():
-        ranks = mean_ranks(np.array(list(known.values())))
+        ranks = mid_ranks(np.array(list(known.values())))
         won = (len(known) - ranks) / max(len(known) - 1, 1)
         for name, share in zip(known, won, strict=True) if len(known) > 1 else ():
             shares.setdefault(name, {}).setdefault(suite, []).append(float(share))

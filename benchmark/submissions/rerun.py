@@ -85,13 +85,7 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     plan = CellPlan(
         cell, entry["track"], entry["parameters"], entry["spent"], suite, copy, data.batch
     )
-    # Nobody can foresee which; a batch of another size has other last bits.
-    size = len(data.test)
-    order = SystemRandom().sample(starts := range(0, size, data.batch), len(starts))
-    drawn = [slice(start, min(start + data.batch, size)) for start in order]
-    # The last batch is short: one more is run beside it.
-    covered = np.cumsum([of.stop - of.start for of in drawn])
-    batches = sorted(drawn[: 1 + int(np.searchsorted(covered, n))], key=lambda of: of.start)
+    batches = drawn_batches(len(data.test), data.batch, n)
     row, made, figures = _made(MethodCellTask, plan, data, batches, isolate)
     samples = np.flatnonzero(made["test"].status != "")
     stored = run.estimates(scenario, name, samples.tolist())
@@ -142,6 +136,19 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
         return f"Run again, it learned from {row['overlap']:.0f} of the test samples."
     did = describe_actions(row.get("actions"))
     return f"Run again, it {did}." if did else ""
+
+
+def drawn_batches(size: int, batch: int, n: int) -> list[slice]:
+    """Batches of `size` samples, drawn so that nobody can foresee them, with `n` or more samples.
+
+    They are whole ones: a batch of another size has other last bits. The last of all is short.
+    """
+    drawn, starts = [], range(0, size, batch)
+    for start in SystemRandom().sample(starts, len(starts)):
+        if sum(of.stop - of.start for of in drawn) >= n:
+            break
+        drawn.append(slice(start, min(start + batch, size)))
+    return sorted(drawn, key=lambda of: of.start)
 
 
 class _TestFrames(MethodCellTask):

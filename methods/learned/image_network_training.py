@@ -130,7 +130,6 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             f"{request.alpha} for {method.files.name!r}."
         )
     count = job.training_count(more=True)
-    nominal = scenario.training_imperfections is None
     if request.unlimited:
         job.check_nominal("makes new touches of the nominal sensor in every epoch")
     # Without a physical loss to minimise, it is shown for an operator that is asked for.
@@ -168,7 +167,7 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         return *found, torch.zeros(count, dtype=torch.int64)
 
     estimates = None
-    if nominal and count > scenario.train:
+    if scenario.training_imperfections is None and count > scenario.train:
         train = simulated(0)
     else:
         clean = job.noiseless(count)

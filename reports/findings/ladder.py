@@ -209,16 +209,13 @@ def _draw_curves(axes: Axes, ladder: Ladder) -> None:
 def _draw_real(axes: Axes, ladder: Ladder, rung: str, *, last: bool) -> None:
     """Nominal and calibrated figures of one recorded set; what is what stands below the `last`."""
     reals = [ladder.real.get((rung, method)) for method in ladder.methods]
-    for figures, label, style in (
-        ([real and real.value for real in reals], "as recorded", {"ms": 3.5, "color": COLOURS[0]}),
-        (
-            [real and real.calibrated for real in reals],
-            "calibrated",
-            {"ms": 6, "mfc": "none", "color": COLOURS[1]},
-        ),
-    ):
-        values = [math.nan if figure is None else figure for figure in figures]
-        axes.plot(range(len(values)), values, "o", label=label, **style)  # type: ignore[arg-type]
+    places = range(len(reals))
+    nominal = [math.nan if real is None or real.value is None else real.value for real in reals]
+    calibrated = [
+        math.nan if real is None or real.calibrated is None else real.calibrated for real in reals
+    ]
+    axes.plot(places, nominal, "o", ms=3.5, color=COLOURS[0], label="as recorded")
+    axes.plot(places, calibrated, "o", ms=6, mfc="none", color=COLOURS[1], label="calibrated")
     axes.margins(y=0.15)
     if last:
         axes.legend(fontsize=5.5, frameon=False, loc="best", handletextpad=0.2)

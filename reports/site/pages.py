@@ -10,7 +10,7 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from eitbench.benchmark.analysis.overall import MIN_SCENARIOS, mean_ranks
+from eitbench.benchmark.analysis.overall import MIN_SCENARIOS, mid_ranks
 from eitbench.benchmark.analysis.results import failures
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
 from eitbench.benchmark.submissions.hidden import is_retired, published_keys, read_hidden
@@ -63,20 +63,21 @@ def overall_table(edition: Edition) -> Table | None:
     if not edition.wins:
         return None
     suites = [suite for suite in edition.suites if suite.report["boards"][0]["kind"] == "method"]
-    ranks = {suite.name: suite_ranks(suite) for suite in suites}
+    ranks = {suite.name: mean_ranks(suite) for suite in suites}
     heads = ["Method", "Comparisons won", "Suites", "Simulated training", *(s.name for s in suites)]
-    trained: dict[str, set[bool]] = {}  # empty where nothing is known
+    trained: dict[str, set[bool]] = {}
     for board in (board for suite in suites for board in suite.boards):
         for of in board["views"][0]["rows"]:
             known = trained.setdefault(name_of(of), set())
             known |= set() if of["training"] is None else {bool(of["training"])}
     rows = []
     for row in edition.wins:
+        known = trained.get(row.method, set())  # empty where nothing is known
         cells: list[Text | Cell] = [
             link(row.method, method_file(row.method)),
             Cell(_share(row), "bar"),
             Cell(str(row.suites), "number"),
-            {True: "yes", False: "no", None: "–"}[max(trained.get(row.method, ()), default=None)],
+            "yes" if True in known else "no" if known else "–",
         ]
         for suite in suites:
             rank = ranks[suite.name].get(row.method)
@@ -94,22 +95,18 @@ def overall_table(edition: Edition) -> Table | None:
     return Table("Over all suites", heads, rows, note)
 
 
-def suite_ranks(suite: SuitePart) -> dict[str, tuple[float, int]]:
-    """Mean rank of each method over the scenarios of a suite, and the number of methods there.
+def mean_ranks(suite: SuitePart) -> dict[str, tuple[float, int]]:
+    """Mean rank of each method over the scenarios of a suite, and the number of those ranked.
 
-    Methods without a figure on one of the scenarios are left out.
+    As on the suite's own page, methods without a figure on one of the scenarios are left out, and
+    the others are ranked among themselves.
     """
     scenarios = list(suite.figures.values())
-    ranks = [
-        dict(zip(of, mean_ranks(np.array(list(of.values()))).tolist(), strict=True))
-        for of in scenarios
-    ]
-    most = max(map(len, scenarios))
-    return {
-        name: (sum(of[name] for of in ranks) / len(ranks), most)
-        for name in scenarios[0]
-        if all(name in of for of in scenarios)
-    }
+    names = [name for name in scenarios[0] if all(name in of for of in scenarios)]
+    if not names:
+        return {}
+    ranks = mid_ranks(np.array([[of[name] for name in names] for of in scenarios])).mean(axis=0)
+    return {name: (rank, len(names)) for name, rank in zip(names, ranks.tolist(), strict=True)}
 
 
 def _rank_cell(rank: float, most: int) -> Cell:

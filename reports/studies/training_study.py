@@ -104,10 +104,8 @@ def _differences(table: pd.DataFrame) -> list[StudyRow]:
     Seeds of which a training diverged are left out.
     """
     rows = []
-    pairs = table.groupby("seed")["physics"]
-    whole = pairs.transform("nunique") == table["physics"].nunique()
-    lost = table.loc[table["scenario"] == "", "seed"]
-    table = table[whole & ~table["seed"].isin(lost)]
+    choices, table = table["physics"].nunique(), table[table["scenario"] != ""]
+    table = table[table.groupby("seed")["physics"].transform("nunique") == choices]
     for scenario, group in table.groupby("scenario", sort=False):
         arrays = {
             str(physics): np.stack(

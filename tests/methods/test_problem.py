@@ -12,6 +12,7 @@ from eitbench.methods.method import reconstructed
 from eitbench.methods.problem import no_split
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.imperfections.training_units import TrainingImperfections
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.suites.scenario import TOUCHES, SimulatedScenario, SplitNoise
@@ -44,6 +45,29 @@ def test_gain_and_differences_are_those_of_the_latest_reference_frame() -> None:
     problem.reference = 250 * model.voltages(model.background)
     assert problem.gain == pytest.approx(250)
     np.testing.assert_allclose(problem.difference(250 * frame), expected, atol=1e-12)
+
+
+def test_what_a_dead_electrode_spoils_of_the_reference_frame_is_the_models() -> None:
+    """So that methods that divide by the reference frame do not divide by next to nothing."""
+    s = foam()
+    problem, board = clean_problem(s), Imperfections(dead=(3,), offset=0.001)
+    frame = problem.background_voltages
+    problem.reference = 250 * board.analogue(frame[None], frame, s.pattern)[0]
+    spoiled = (s.pattern.table == 3).any(axis=1)
+    assert np.abs(problem.reference[spoiled]).max() < 0.01 * np.abs(problem.reference).max()
+    np.testing.assert_array_equal(problem.unit_reference[spoiled], frame[spoiled])
+    sound = problem.reference[~spoiled] / problem.gain
+    np.testing.assert_array_equal(problem.unit_reference[~spoiled], sound)
+
+
+def test_a_buffer_that_is_filled_anew_gives_another_reference_frame() -> None:
+    problem = clean_problem(foam())
+    buffer = 2 * problem.background_voltages
+    problem.reference = buffer
+    assert problem.gain == pytest.approx(2)
+    buffer *= 3
+    problem.reference = buffer
+    assert problem.gain == pytest.approx(6)
 
 
 def test_a_later_reference_frame_is_held_to_the_same_rules() -> None:

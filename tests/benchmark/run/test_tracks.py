@@ -186,6 +186,10 @@ def test_gaps_are_paired_and_larger_is_better() -> None:
     assert found["tuning_gain"] == pytest.approx(3.0, abs=0.05)
     assert found["oracle_gap"] == pytest.approx(1.0, abs=0.05)
     assert 2.9 < found["tuning_gain_low"] < found["tuning_gain_high"] < 3.1
+    # A user's own parameters are none of these tracks.
+    assert track_gaps(others, cell("given", 0.0), "given", "localisation_mm").keys() == {
+        "default_figure", "oracle_figure",
+    }  # fmt: skip
 
 
 def test_a_method_without_a_choice_has_one_track() -> None:

@@ -294,7 +294,10 @@ def test_a_record_is_kept_once_and_found_for_the_same_code_alone(
     later = record.gaps[0].model_copy(update={"method": "later"})
     more = record.model_copy(update={"gaps": (later,)})
     assert write_hidden(more, tmp_path).name == "mine-2.json"
-    assert read_hidden(tmp_path) == [record, more]
+    tenth = more.model_copy(update={"made": "2027-01-01"})
+    path.with_name("mine-10.json").write_text(tenth.model_dump_json())
+    assert read_hidden(tmp_path) == [record, more, tenth]
+    path.with_name("mine-10.json").unlink()
     with pytest.raises(InputError, match="figures are never edited"):
         write_hidden(more, tmp_path)
     path.write_text(text.replace('"falls":true', '"falls":7').replace('"falls": true', '"falls":7'))

@@ -17,7 +17,13 @@ from eitbench.benchmark.run import method_cell
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.benchmark.submissions import run_checks
 from eitbench.benchmark.submissions.check import CHECKS, check_submission
-from eitbench.benchmark.submissions.rerun import digest, note_reproduced, reproduced, rerun
+from eitbench.benchmark.submissions.rerun import (
+    digest,
+    drawn_batches,
+    note_reproduced,
+    reproduced,
+    rerun,
+)
 from eitbench.benchmark.submissions.submission import open_submission
 from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
@@ -419,6 +425,17 @@ def with_plugin(tiny: Suite, tmp_path: Path) -> Path:
     write_leaderboard(ranked_rows([run]), run)
     plugin.unlink()
     return run
+
+
+@pytest.mark.parametrize(("size", "n"), [(36, 32), (36, 4), (64, 33), (5, 2), (200, 1000)])
+def test_no_fewer_samples_are_drawn_than_are_asked_for(size: int, n: int) -> None:
+    """In batches of which the last is short, whichever are drawn."""
+    for _ in range(50):
+        drawn = drawn_batches(size, 32, n)
+        samples = [k for batch in drawn for k in range(batch.start, batch.stop)]
+        assert samples == sorted(set(samples))
+        assert min(n, size) <= len(samples) < min(n, size) + 32
+        assert all(of.start % 32 == 0 and of.stop == min(of.start + 32, size) for of in drawn)
 
 
 @pytest.mark.slow

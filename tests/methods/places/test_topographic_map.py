@@ -6,10 +6,12 @@ from numpy.typing import NDArray
 
 from eitbench.methods.place_method import PlaceProblem
 from eitbench.methods.places.by_image import create_place_method
+from eitbench.methods.places.regressions import learned_from
 from eitbench.methods.places.topographic_map import compressed, disc_of, spread
 from eitbench.methods.problem import no_split
 from eitbench.scenarios import sensor
 from eitbench.scenarios.data.transfer import Learnable, Presses, load_transfer
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.similarity import fit_similarity
 from eitbench.scenarios.suites.scenario import TransferScenario
 
@@ -132,6 +134,14 @@ def test_the_disc_that_presses_are_drawn_from_is_found(n: int) -> None:
     centres = np.array([disc.centre for disc in found]) - [0.1, -0.2]
     assert abs(radii.mean() / RADIUS - 1) < 0.05
     assert np.hypot(*centres.T).max() < RADIUS * 1.5 / np.sqrt(n)
+
+
+def test_presses_along_a_row_have_a_disc_and_no_skins_are_told() -> None:
+    disc = disc_of(np.column_stack([np.linspace(0, 0.08, 9), np.full(9, 0.01)]))
+    assert disc.centre == pytest.approx((0.04, 0.01), abs=1e-4)
+    assert disc.radius == pytest.approx(0.04 * (1 + 1 / 9), rel=0.01)
+    with pytest.raises(InputError, match="no other skins to learn from"):
+        learned_from({}, 10)
 
 
 def test_guesses_near_the_middle_are_spread_evenly_and_keep_their_directions() -> None:

@@ -219,12 +219,13 @@ def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Pat
         sha256 = hashlib.sha256(key).hexdigest()
         keys += f'[[keys]]\nversion = "2026.1"\nsuite = "{suite}"\nsha256 = "{sha256}"\n'
         keys += f'retired = "{key.hex()}"\n' if key == retired else ""
-        method = ("good", "poor")[k]
+        # The figures of `poor` with the retired key are older than those with the secret one.
+        methods = (("good", "poor"), ("poor",))[k]
         write_hidden(
             HiddenRecord(
                 suite="bench", key=sha256, made="2026-01-01", eitbench="0.2.0", git_commit=None,
                 data={"conductivity-set": ("3f2a1b9c", "1" * 64)},
-                gaps=(gap.model_copy(update={"method": method}),),
+                gaps=tuple(gap.model_copy(update={"method": method}) for method in methods),
             ),
             board,
         )  # fmt: skip
@@ -232,7 +233,7 @@ def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Pat
     (front, *_) = write_site(board.parent, tmp_path / "site")
     page = (front.parent / "suites" / "bench.html").read_text()
     assert [(row[1], row[-1]) for row in cells(page, "On a hidden test set")] == [
-        ("good", "key published"), ("poor", "key secret"),
+        ("good", "key published"), ("poor", "key published"), ("poor", "key secret"),
     ]  # fmt: skip
     assert [(row[1], row[-1]) for row in cells(page, "conductivity-set")] == [
         ("good", "hidden (key published)"), ("poor", "hidden"),

@@ -150,7 +150,7 @@ def test_electrode_across_the_start_of_the_rim() -> None:
 
 @pytest.mark.parametrize("first", [1, 2, 3])
 def test_a_rectangle_may_begin_at_any_corner(first: int) -> None:
-    """Electrodes at the same places of it give the same frame, on pixels as on triangles."""
+    """Electrodes at the same places of it give the same frame, on the mesh of pixels."""
     nominal = sensor("foam16")
     assert isinstance(nominal.outline, Polygon)
     corners = nominal.outline.vertices
