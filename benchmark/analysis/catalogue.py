@@ -119,8 +119,7 @@ def suite_options(declared: Mapping[str, Any], scenario: str) -> list[str]:
     name = str(declared["name"])
     if name not in suites():
         return [f"{name}.toml"]
-    scenarios = declared.get("scenarios", ())
-    here = next((of.get("sensor") for of in scenarios if of["name"] == scenario), None)
+    here = {of["name"]: of.get("sensor") for of in declared["scenarios"]}.get(scenario)
     if here is None or here == _sensors_of(name).get(scenario):
         return [name]
     return [name, "--sensor", Path(here).name]

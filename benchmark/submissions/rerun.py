@@ -143,7 +143,7 @@ def drawn_batches(size: int, batch: int, n: int) -> list[slice]:
 
     They are whole ones: a batch of another size has other last bits. The last of all is short.
     """
-    drawn, starts = [], range(0, size, batch)
+    starts, drawn = range(0, size, batch), list[slice]()
     for start in SystemRandom().sample(starts, len(starts)):
         if sum(of.stop - of.start for of in drawn) >= n:
             break
