@@ -77,7 +77,8 @@ def sensitivity(
     """Mean figures for each of `METRIC_VARIANTS`; nothing without a true conductivity.
 
     `methods` holds the run and the name of each method, by what it is to be called; the runs are of
-    the same data. The figures are of so many `samples`, spread over all.
+    the same data. The figures are of so many `samples`, spread over all. Variants for which an
+    image is too small are left out.
 
     Raises:
         DataCorruptError: the images of a run cannot be read.
@@ -99,13 +100,31 @@ def sensitivity(
             stored[~np.isfinite(stored[:, scene.mask]).all(axis=1)] = scene.background
             images[label] = stored
     alike: Alike = {}
-    means = [_means(variant, scene, images, alike) for variant in METRIC_VARIANTS]
+    variants = [variant for variant in METRIC_VARIANTS if _fits(variant, scene.mask)]
+    means = [_means(variant, scene, images, alike) for variant in variants]
     return [
         Sensitivity(
             variant.says, *found, *(_tau(a, b) for a, b in zip(found, means[0], strict=True))
         )
-        for variant, found in zip(METRIC_VARIANTS, means, strict=True)
+        for variant, found in zip(variants, means, strict=True)
     ]
+
+
+def _inner(variant: MetricVariant, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The pixels of `mask` (H, W) that are not in the rim that a variant leaves out."""
+    margin = round(variant.rim * max(mask.shape))
+    if not margin:  # SciPy's 0 means: until nothing changes
+        return mask
+    square = np.ones((3, 3), dtype=bool)
+    return np.asarray(binary_erosion(mask, square, iterations=margin, border_value=0))
+
+
+def _fits(variant: MetricVariant, mask: NDArray[np.bool_]) -> bool:
+    """True if there is room for SSIM's window among the pixels that are not left out."""
+    if min(mask.shape) < variant.window:
+        return False
+    square = np.ones((variant.window, variant.window), dtype=bool)
+    return bool(binary_erosion(_inner(variant, mask), square, border_value=0).any())
 
 
 Alike = dict[tuple[str, float], dict[str, NDArray[np.float64]]]
@@ -119,10 +138,7 @@ def _means(
     alike: Alike,
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Return mean S and mean SSIM of each method, by its name; what is new goes into `alike`."""
-    mask = scene.mask
-    if variant.rim:
-        margin = round(variant.rim * max(mask.shape))
-        mask = binary_erosion(mask, np.ones((3, 3), dtype=bool), iterations=margin, border_value=0)
+    mask = _inner(variant, scene.mask)
     data_range = variant.range_factor * scene.data_range
     truth = scene.truth
     assert truth is not None

@@ -49,6 +49,7 @@ SEEN = float(stats.norm.isf(FALSE_ALARMS) + stats.norm.ppf(DETECTED))
 """z of what a one-sided test with 1 % false alarms finds in 90 % of cases: 3.61."""
 LATTICE = 20
 """Places of the lattice along the longer side of a sensor."""
+_SINGULAR = 1e-12  # a direction with so little of the largest singular value is not told at all
 LEAST_PIXELS = 1.5  # sampled on coarser pixels, the touch changes with its place in a pixel
 _DIRECTIONS = ((1, 0), (0, 1), (1, 1), (1, -1))
 
@@ -263,7 +264,10 @@ def maps(of: WhitenedJacobian, touch: Touch) -> Maps:
     free = room(sensor, touch.radius)[np.ix_(rows, columns)]
     # Q, R: the inverse of F is that of R twice, without squaring the condition.
     bases, triangles = np.linalg.qr(derivatives)
-    inverse = np.linalg.pinv(triangles, rcond=1e-12)
+    inverse = np.linalg.pinv(triangles, rcond=_SINGULAR)
+    spread = np.linalg.svd(triangles, compute_uv=False)
+    told = (spread > _SINGULAR * spread[..., :1]).sum(axis=-1) == derivatives.shape[-1]
+    inverse[~told] = np.inf  # there is a change of the touch that no frame shows
     covariance = np.where(free[..., None, None], inverse @ inverse.swapaxes(-1, -2), np.nan)
     variances = np.diagonal(covariance, axis1=-2, axis2=-1)
     z = np.where(free, np.linalg.norm(change, axis=-1), np.nan)

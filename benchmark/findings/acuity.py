@@ -21,6 +21,7 @@ from eitbench.benchmark.findings.acuity_seen import GREIT, firmest, nearest_the_
 from eitbench.benchmark.findings.two_touch import least_distance
 from eitbench.benchmark.metrics.aggregation import numbers
 from eitbench.benchmark.metrics.greit import noise_figure
+from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS, intervals
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -253,7 +254,8 @@ def pull_to_centre(touch: pd.DataFrame) -> tuple[float, float, float]:
 
     It is 1 minus the slope of found places over true ones, both from the centre of the lattice, by
     least squares over detected touches: 0 without a pull, 1 where all are found at one place,
-    negative where they are pushed out. The interval is of a bootstrap over places.
+    negative where they are pushed out. The interval is of a bootstrap over places; NaN for fewer
+    than `MIN_CLUSTERS`.
     """
     centre = 1e3 * touch.groupby("place")[["x_m", "y_m"]].first().mean().to_numpy(np.float64)
     found = touch[touch["detected"]]
@@ -268,5 +270,6 @@ def pull_to_centre(touch: pd.DataFrame) -> tuple[float, float, float]:
     drawn = rng.multinomial(len(keys), np.full(len(keys), 1 / len(keys)), size=_DRAWS)
     below = drawn @ square
     draws = 1 - (drawn @ cross)[below > 0] / below[below > 0]
-    low, high = np.quantile(draws, (0.025, 0.975))
-    return float(1 - cross.sum() / square.sum()), float(low), float(high)
+    pull = 1 - cross.sum() / square.sum()
+    low, high = intervals(np.float64(pull), draws, len(keys))
+    return float(pull), float(low), float(high)

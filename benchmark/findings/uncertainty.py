@@ -134,6 +134,10 @@ def _ties(whole: list[Stated], tables: Mapping[str, pd.DataFrame]) -> list[str]:
     if clusters < MIN_CLUSTERS:
         return [""] * len(cells)
 
+    # In S/m it may be as small as what counts as equal.
+    largest = max(cell["crps"].max() for cell in cells)
+    cells = [cell.assign(crps=cell["crps"] / largest) for cell in cells]
+
     def statistic(counts: Array) -> Array:
         return np.concatenate([aggregate(cell, [spec], counts) for cell in cells], axis=1)
 

@@ -12,11 +12,13 @@ from docs.tables.simulated import acuity
 from docs.tables.uncertainty import NOISE, stated
 from matplotlib.figure import Figure
 
+from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.findings.drift import over_time
 from eitbench.benchmark.findings.novelty import read_novelty
 from eitbench.benchmark.findings.transfer import over_skins
 from eitbench.reports.figures.cases import published_cases
 from eitbench.reports.figures.error_maps import error_maps_figure
+from eitbench.reports.figures.image_grid import comparison
 from eitbench.reports.figures.image_grid import draw as draw_images
 from eitbench.reports.figures.style import COLOURS, COLUMN, NOTE, PAGE, STYLE, new_figure, save
 from eitbench.reports.findings.acuity import draw as draw_acuity
@@ -119,7 +121,30 @@ def _cases(suite: str) -> Figure:
     return draw_images(cases)
 
 
+def _images(suite: str, scenario: str, methods: set[str], families: tuple[str, ...] = ()) -> Figure:
+    """Images of `methods`, by rank: the first kept sample of each family, or all kept ones."""
+    run = record(suite)
+    ranked = [row["method"] for row in leaderboard_rows([run]) if row["scenario"] == scenario]
+    rows = run.samples[run.samples["scenario"] == scenario].drop_duplicates("sample")
+    rows = rows[rows["sample"].isin(run.scene(scenario, sorted(rows["sample"])).sample)]
+    if families:
+        rows = rows[rows["family"].isin(families)].sort_values("sample").drop_duplicates("family")
+    shown = [name for name in dict.fromkeys(ranked) if name in methods]
+    return draw_images(comparison(run, scenario, shown, sorted(rows["sample"])))
+
+
 DRAWINGS: dict[str, Callable[[], Figure]] = {
+    "quick.png": lambda: _images(
+        "quick",
+        "quick",
+        {"learned-gn", "dnn", "gauss-newton-tv", "tv", "noser"},
+        ("circle", "two-circles", "triangle", "ring"),
+    ),
+    "ohmc16.png": lambda: _images(
+        "presses",
+        "ohmc16",
+        {"noser", "greit", "tv", "linear-touch", "coarse-to-fine", "dnn", "back-projection"},
+    ),
     "new-skin.png": _new_skin,
     "skin-maps.svg": _skin_maps,
     "skin-drift.png": _skin_drift,

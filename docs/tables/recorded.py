@@ -231,7 +231,7 @@ def _agreement() -> str:
 def _few_presses() -> str:
     names = {
         "one-place": "one place, whatever the frame",
-        "ridge": "ridge regression of the place on unit frames",
+        "ridge": "ridge regression of the place on normalised frames",
         "kernel-ridge": "kernel ridge regression",
         "network": "network, real presses only",
         "network-simulated": "network, simulated presses first",
@@ -263,8 +263,8 @@ def _hard_skins() -> str:
         ("topographic-map-skins", 25): ".1f", ("topographic-map-skins", 0): ".1f",
     }  # fmt: skip
     heads = [
-        "skin", "explained", "memory", "alike", "like the model", "rank", "1,500 labelled",
-        "25, kernel ridge", "25, map", "25, map and skins", "0, map and skins",
+        "skin", "explained", "serial correlation", "in five components", "like the model", "rank",
+        "1,500 labelled", "25, kernel ridge", "25, map", "25, map and skins", "0, map and skins",
     ]  # fmt: skip
     rows = [
         [name, *(format(row[key], form) for key, form in forms.items())]

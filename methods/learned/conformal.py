@@ -55,6 +55,7 @@ class DnnConformal(UsesNetwork):
         "Gammerman and Shafer, Algorithmic Learning in a Random World (2005), sec. 4.5 (groups)"
     )
     uses: ClassVar = Dnn
+    tuned_as: ClassVar = "dnn"
 
     gain_power: float = 0.0
 

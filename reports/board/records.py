@@ -28,7 +28,7 @@ from eitbench.benchmark.run.timing import CALM_LOAD, PATIENCE_S, calibration_sol
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.few_bytes import packed, rounded, with_short_hashes
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.benchmark.rundir.run_arrays import TRUTH
+from eitbench.benchmark.rundir.run_arrays import TRUTH, Scene
 from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.benchmark.submissions.sums import note_sums
 from eitbench.reports.board.changes import VERSION, checksums, version_key
@@ -44,6 +44,8 @@ from eitbench.reports.page.images import FEW_STEPS, shown_families, shown_sample
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from eitbench.scenarios.arrays import Array
+
 TIMES = ("frame_ms", "uncertainty_ms", "novelty_ms", "forward_ms", "grad_ms")
 """Columns of samples with what a method or operator took."""
 
@@ -54,7 +56,7 @@ SPEEDS = (
 """Columns of cells with a speed of a method or operator, which the load of the machine changes."""
 
 STEPS = 125
-"""Values of an image over the data range of its sensor: images of records are rounded to these; to
+"""Values of an image over its range: images of records are rounded to these (`picture_step`); to
 `FEW_STEPS` where there are so many that a page shows no more of them."""
 
 PLACE_STEP = 2**-17
@@ -257,20 +259,34 @@ def _add_images(run: Run, out: h5py.File, steps: int) -> None:
             if scenario in out:
                 shown = set(out[f"{scenario}/{TRUTH}/sample"][:].tolist())
                 groups.remove(TRUTH)
-            step = float(of[TRUTH].attrs["data_range"]) / steps
+            scene = run.scene(scenario, sorted(shown))
             for name in sorted(groups):
-                _write_group(of[name], shown, out.create_group(f"{scenario}/{name}"), step)
+                _write_group(of[name], scene, out.create_group(f"{scenario}/{name}"), steps)
                 assert name == TRUTH or run.kind.array in out[f"{scenario}/{name}"]
 
 
-def _write_group(group: h5py.Group, shown: set[int], out: h5py.Group, step: float) -> None:
-    """Write what a run keeps of a method, or of the truth, for the `shown` samples."""
+def picture_step(images: Array, scene: Scene, steps: int) -> float:
+    """The step [S/m] to which images (n, H, W) are rounded, of which a picture has `steps`.
+
+    They are of the data range; where no truth gives pictures their colours, of the images' own
+    contrast, which on real sensors is a small part of it.
+    """
+    largest = float(np.nan_to_num(np.abs(images - scene.background)).max(initial=0.0))
+    if scene.truth is not None or not largest:
+        return scene.data_range / steps
+    # An image has 15 bits for its values, and these are near to the background.
+    return max(largest / steps, scene.background / 2**14)
+
+
+def _write_group(group: h5py.Group, scene: Scene, out: h5py.Group, steps: int) -> None:
+    """Write what a run keeps of a method, or of the truth, for the samples of the `scene`."""
     out.attrs.update(group.attrs)
-    rows = np.flatnonzero(np.isin(group["sample"][:], list(shown)))
+    rows = np.flatnonzero(np.isin(group["sample"][:], scene.sample))
     out["sample"] = group["sample"][:][rows]
     for key in group.keys() - {"sample", "validation"}:
         values = group[key][:] if key == "mask" else group[key][rows]
         images = values.dtype.kind == "f" and values.ndim > 1
+        step = picture_step(values, scene, steps) if images else 0.0
         values = packed(values, step) if images else values
         layout = {"compression": "gzip", "compression_opts": 9, "shuffle": True}
         stored = out.create_dataset(key, data=values, **(layout if values.ndim > 1 else {}))

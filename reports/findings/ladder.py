@@ -10,7 +10,7 @@ import pandas as pd
 
 from eitbench.benchmark.findings.ladder import Ladder, read_ladder
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.reports.figures.style import COLOURS, PAGE, line_style, new_figure
+from eitbench.reports.figures.style import COLOURS, PAGE, line_style, new_figure, plain_label
 from eitbench.reports.findings.finding import Finding
 from eitbench.reports.tables.columns import printable
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from eitbench.benchmark.metrics.statistics import Interval
 
 _NOT_RUN = "–"
+_FIRST = 6
+"""Methods with a line in colour, the first ones; others are grey."""
 AREAS = ((False, "area over severity"), (True, "area, calibrated"))
 LEGEND = (
     "Model off: distance of the nominal model from what a touch changes, noise apart, in dB of "
@@ -191,12 +193,14 @@ def _draw_losses(axes: Axes, ladder: Ladder) -> None:
 
 def _draw_curves(axes: Axes, ladder: Ladder) -> None:
     severities = list(ladder.severities.values())
-    for k, method in enumerate(ladder.methods):
-        if (method, False) in ladder.curves:
-            axes.plot(
-                severities, ladder.curves[method, False], **line_style(k), ms=3, lw=1,
-                label=printable(method),
-            )  # fmt: skip
+    drawn = [method for method in ladder.methods if (method, False) in ladder.curves]
+    for k, method in enumerate(drawn):
+        curve = ladder.curves[method, False]
+        if k < _FIRST:
+            axes.plot(severities, curve, **line_style(k), ms=3, lw=1.2, label=plain_label(method))
+        else:
+            label = "other methods" if k == _FIRST else None
+            axes.plot(severities, curve, lw=0.8, color="0.75", zorder=1, label=label)
     axes.set_xlabel("severity of all imperfections")
     axes.set_ylabel("B")
     axes.grid(alpha=0.3, lw=0.4)

@@ -34,7 +34,7 @@ from scipy import linalg
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.faults import spoiled
-from eitbench.scenarios.imperfections.imperfections import channels
+from eitbench.scenarios.imperfections.imperfections import channels, farthest_shifts
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor
 
@@ -213,7 +213,7 @@ class _Problem:
         self.sensor, self.reference = sensor, reference
         self.channel, pairs = channels(sensor.pattern)
         self.n_channels = len(pairs)
-        self.spacing = _spacing(sensor)
+        self.spacing, self.farthest = _spacing(sensor), farthest_shifts(sensor)
         self.mesh = forward_model(sensor).mesh
         self.size = self.n_channels + 2 * sensor.n_electrodes
         nominal = self.modelled(np.zeros(self.size))
@@ -229,9 +229,10 @@ class _Problem:
         gains, shifts, contacts = np.split(
             p, [self.n_channels, self.n_channels + self.sensor.n_electrodes]
         )
+        moved = SHIFT_DEVIATION * self.spacing * shifts
         return (
             np.exp(GAIN_DEVIATION * gains),
-            SHIFT_DEVIATION * self.spacing * shifts,
+            np.clip(moved, -self.farthest, self.farthest),  # electrodes do not overlap
             np.exp(CONTACT_DEVIATION * contacts),
         )
 

@@ -121,13 +121,7 @@ class Imperfections(Declaration):
         factor = np.exp(self._drawn("electrode width", count) * self.electrode_width)
         contact = np.exp(self._drawn("contact impedance", count) * self.contact_impedance)
         width = np.array([e.width for e in nominal.electrodes])
-        perimeter = nominal.outline.perimeter
-        centres = np.array([e.centre % perimeter for e in nominal.electrodes])
-        gaps = (centres[:, None] - centres[None, :]) % perimeter
-        np.fill_diagonal(gaps, perimeter)
-        # Half of the way to the nearest neighbour belongs to each of two electrodes.
-        room = np.minimum(gaps.min(axis=0), gaps.min(axis=1)) / 2
-        free = (1 - _NARROWEST) * (room - width / 2)
+        room, free = rooms(nominal), farthest_shifts(nominal)
         moved = np.clip(shift, -free, free)
         widest = 2 * (room - np.abs(moved)) * (1 - 1e-6)
         widths = np.clip(width * factor, np.minimum(_NARROWEST * width, widest), widest)
@@ -261,3 +255,21 @@ TYPICAL = Imperfections(
 The drift is that of repeated presses of a hydrogel skin (`hydrogel-repeats`, 0.9 % of a frame),
 electrodes are placed by hand to half a millimetre, and resistors have 1 %.
 """
+
+
+def rooms(sensor: Sensor) -> Array:
+    """Half of the part (E,) of the rim [m] around each electrode that is its own.
+
+    It ends halfway between its end and that of the next electrode.
+    """
+    perimeter = sensor.outline.perimeter
+    centres, width = np.array([(e.centre % perimeter, e.width) for e in sensor.electrodes]).T
+    gaps = (centres[:, None] - centres[None, :]) % perimeter
+    np.fill_diagonal(gaps, perimeter)
+    return np.asarray((np.minimum(gaps, gaps.T) / 2 + (width[:, None] - width) / 4).min(axis=1))
+
+
+def farthest_shifts(sensor: Sensor) -> Array:
+    """The farthest that each electrode (E,) of a unit can be from its nominal place [m]."""
+    width = np.array([e.width for e in sensor.electrodes])
+    return np.asarray((1 - _NARROWEST) * (rooms(sensor) - width / 2))

@@ -28,9 +28,9 @@ background (foam16: 1 S/m, so they read as S/m). Every value is uniform in its r
 
 The objects are those that the publication presses on its sensor (cases 8 to 13), uniformly. Their
 sizes are published but for the rectangle's; 1 % of them is drawn, and the conductivities are ours.
-`conductive` mirrors the contrasts of the published families, so the span stays 1 S/m, the data
-range of the metrics. `soft-press` turns pressure into conductivity by the law in
-`eitbench.scenarios.phantoms.press`. A scenario may declare families of its own, of the same shapes.
+`conductive` mirrors the contrasts of the published families. `soft-press` turns pressure into
+conductivity by the law in `eitbench.scenarios.phantoms.press`. A scenario may declare families of
+its own, of the same shapes.
 """
 
 from collections.abc import Callable, Mapping

@@ -137,11 +137,12 @@ def triangle_mesh(sensor: Sensor) -> Mesh:
 
 
 def _nearest_electrodes(sensor: Sensor, arcs: Array) -> Index:
-    """The electrode whose centre is nearest along the rim to each of the `arcs` (...) [m]."""
+    """The electrode whose end is nearest along the rim to each of the `arcs` (...) [m]."""
     perimeter = sensor.outline.perimeter
-    centres = np.array([electrode.centre for electrode in sensor.electrodes])
+    centres, widths = np.array([(e.centre, e.width) for e in sensor.electrodes]).T
     apart = (arcs[..., None] - centres) % perimeter
-    return np.asarray(np.minimum(apart, perimeter - apart).argmin(axis=-1), dtype=np.int64)
+    apart = np.minimum(apart, perimeter - apart) - (widths - widths.min()) / 2
+    return np.asarray(apart.argmin(axis=-1), dtype=np.int64)
 
 
 def _rim_points(sensor: Sensor, size: float) -> tuple[Array, NDArray[np.bool_]]:
@@ -150,10 +151,14 @@ def _rim_points(sensor: Sensor, size: float) -> tuple[Array, NDArray[np.bool_]]:
     ends = np.array([e.centre + sign * e.width / 2 for e in sensor.electrodes for sign in (-1, 1)])
     keys = np.concatenate([ends % perimeter, sensor.outline.corners])
     is_end = np.arange(len(keys)) < len(ends)
-    order = np.argsort(keys)
+    order = np.argsort(keys, kind="stable")
     keys, is_end = keys[order], is_end[order]
+    # Points that coincide are one, also the last and the first, which lie on either side of s = 0.
     distinct = np.concatenate([[True], np.diff(keys) > 1e-9 * perimeter])
-    keys, is_end = keys[distinct], is_end[distinct]
+    point = np.cumsum(distinct) - 1
+    if keys[0] + perimeter - keys[-1] <= 1e-9 * perimeter:
+        point[point == point[-1]] = 0
+    keys, is_end = keys[distinct][: point.max() + 1], np.bincount(point, is_end) > 0
     arcs, flags = [], []
     for k, start in enumerate(keys):
         gap = (keys[(k + 1) % len(keys)] - start) % perimeter

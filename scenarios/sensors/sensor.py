@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -53,7 +54,8 @@ class Sensor:
         pattern: what one frame measures.
         background: conductivity of the untouched sensor [S/m].
         image_shape: (H, W) of the image grid, which fills the outline's bounding box.
-        data_range: range of conductivity [S/m] that SSIM and PSNR are computed for.
+        data_range: range of conductivity [S/m] that SSIM and PSNR are computed for; the background
+            where none is given (NaN).
         conductivity_range: least and greatest conductivity as multiples of the background, a prior
             that all methods know alike: (0.05, 1) where a touch can only lower it.
 
@@ -67,10 +69,12 @@ class Sensor:
     pattern: DrivePattern
     background: float = 1.0
     image_shape: tuple[int, int] = (80, 80)
-    data_range: float = 1.0
+    data_range: float = math.nan
     conductivity_range: tuple[float, float] = (0.05, 20.0)
 
     def __post_init__(self) -> None:
+        if math.isnan(self.data_range):
+            object.__setattr__(self, "data_range", self.background)
         low, high = self.conductivity_range
         positive = 0 < self.background < np.inf and 0 < self.data_range < np.inf
         if not (positive and 0 < low < 1 <= high < np.inf and min(self.image_shape) >= 2):

@@ -32,13 +32,15 @@ class _Fields(Declaration):
     name: Name
     background: Positive = 1.0
     image_shape: tuple[Side, Side] = (48, 48)
-    data_range: Positive = 1.0
+    data_range: Positive | None = None
     conductivity_range: ConductivityRange = (0.05, 20.0)
 
     def with_parts(
         self, outline: Outline, electrodes: tuple[Electrode, ...], pattern: DrivePattern
     ) -> Sensor:
         fields = {name: getattr(self, name) for name in _Fields.model_fields}
+        if self.data_range is None:
+            del fields["data_range"]
         return Sensor(outline=outline, electrodes=electrodes, pattern=pattern, **fields)
 
 

@@ -20,8 +20,9 @@ from eitbench.benchmark.analysis.results import BUSY, read_run
 from eitbench.benchmark.findings.acuity import acuity_of
 from eitbench.benchmark.findings.acuity_seen import SEEN_FILE
 from eitbench.benchmark.run.runner import make_plan, start_run
-from eitbench.benchmark.rundir.few_bytes import DIGITS, FRAME_DIGITS
+from eitbench.benchmark.rundir.few_bytes import DIGITS, FRAME_DIGITS, packed, unpacked
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
+from eitbench.benchmark.rundir.run_arrays import Scene
 from eitbench.benchmark.submissions.submission import FOLDER
 from eitbench.benchmark.submissions.sums import SUMS, sums_of
 from eitbench.benchmark.tuning.outdated import outdated
@@ -33,6 +34,7 @@ from eitbench.reports.board.records import (
     SPEEDS,
     STEPS,
     cost,
+    picture_step,
     write_record,
 )
 from eitbench.reports.page.images import shown_samples
@@ -98,6 +100,22 @@ def test_every_figure_of_a_record_is_that_of_its_run(run: Path, record: Path) ->
                 assert value == pytest.approx(other[name], rel=least), name
             elif name != "run":
                 assert value == other[name], name
+
+
+@pytest.mark.parametrize("contrast", [0.001, 0.04, 3.0])
+def test_faint_images_without_a_truth_keep_their_contrast(contrast: float) -> None:
+    """Touches of a real skin change it by a few per cent, less than a step of the data range."""
+    scene = Scene(
+        bounds=(0.0, 0.0, 0.1, 0.1), background=1.0, data_range=1.0, mask=np.ones((8, 8), bool),
+        sample=np.arange(2), truth=None, has_classes=False,
+    )  # fmt: skip
+    images = 1 - contrast * np.random.default_rng(0).uniform(size=(2, 8, 8))
+    images[1, 0] = np.nan
+    step = picture_step(images, scene, STEPS)
+    found = unpacked(packed(images, step), step)
+    assert np.nanmax(np.abs(found - images)) <= max(0.51 * contrast / STEPS, 2**-14)
+    assert np.isnan(found[1, 0]).all()
+    assert picture_step(np.ones((1, 8, 8)), scene, STEPS) == scene.data_range / STEPS
 
 
 def test_images_are_those_that_a_page_shows_rounded(run: Path, record: Path) -> None:

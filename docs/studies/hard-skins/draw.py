@@ -51,10 +51,10 @@ for k, name in enumerate(names):
         axes.set_axis_off()
         if row == 0:
             axes.set_title("model" if name == "disc" else name[-2:], fontsize=10)
-for axes, label in zip(places[:, 0], ("all", "of the place") * 2, strict=True):
+for axes, label in zip(places[:, 0], ("whole", "by the place") * 2, strict=True):
     x, y = axes.get_xlim()[0], sum(axes.get_ylim()) / 2
     axes.text(x, y, label, rotation=90, ha="right", va="center", fontsize=9)
 scale = figure.colorbar(shown, ax=places, location="bottom", shrink=0.4, aspect=40)
 scale.set_ticks([-2, -1, 0, 1, 2], labels=["1/4", "1/2", "1", "2", "4"])
-scale.set_label("size of what a press changes, over the skin's median square", fontsize=9)
+scale.set_label("rms of what a press changes, over that of the skin's median cell", fontsize=9)
 figure.savefig(HERE.parents[1] / "hard-skins-maps.png", dpi=130)

@@ -4,15 +4,16 @@ Run: python docs/studies/hard-skins/measure.py OUT.csv
 
 Over the presses of the pool of the suite `new-skin`, none of which it locates:
 
-- explained: share of the unit frames' variance that a smooth function of the place explains
-  (kernel ridge regression from place to frame, learned from half of the presses, scored on others).
+- explained: share of the variance of normalised frames (divided by their rms) that a smooth
+  function of the place explains (kernel ridge regression from place to frame, learned from half of
+  the presses, scored on others).
 - memory: correlation of what remains of a frame after that with what remains of the next one.
 - alike: share of the variance of what remains that lies in its five strongest directions; white
   noise in 192 values would have about 0.07 of it there.
-- like_model: median over measurements of the absolute correlation of unit frames with those of the
-  model's drop of conductivity at the same place, whatever the gain and sign of each measurement.
-- rank: effective number of independent values in the unit frames, (sum s^2)^2 / sum s^4 of their
-  singular values s.
+- like_model: median over measurements of the absolute correlation of normalised frames with those
+  of the model's drop of conductivity at the same place, whatever gain and sign measurements have.
+- rank: effective number of independent values in the normalised frames, (sum s^2)^2 / sum s^4 of
+  their singular values s.
 - weak: strength of presses at the weakest tenth of places over that at the median place, where
   strength is the mean of the 20 nearest presses.
 - at_1500: median error [mm] on the test presses of kernel ridge regression of 1,500 labelled ones.

@@ -15,11 +15,12 @@ model.
 - polar: a ratio of radial to tangential conductivity (radii, circles).
 - radial: isotropic, exp(b (r / R)^2) times that of the middle.
 
-fit: a row each for skin, half that fits, and model: what was fitted; the share of the unit frames'
-sum of squares that the modelled unit frames explain with a gain for each press (`explained`), and
-with a gain for each measurement instead (`with_gains`; the gains come from the half that fits);
-`error_mm`: median error of the place of NOSER with that model, its weight chosen and its places
-registered (similarity) by the half that fits, and `error_gains_mm`: the same with those gains.
+fit: a row each for skin, half that fits, and model: what was fitted; the share of the sum of
+squares of frames (each divided by its rms, as those of the model) that the model's explain with a
+gain for each press (`explained`), and with a gain for each measurement instead (`with_gains`; the
+gains come from the half that fits); `error_mm`: median error of the place of NOSER with that model,
+its weight chosen and its places registered (similarity) by the half that fits, and
+`error_gains_mm`: the same with those gains.
 Model `place` is a smooth function of the place (kernel ridge regression, 15 mm), no physics: the
 most that any model of one press at that place can explain.
 
@@ -128,7 +129,7 @@ def turned(places: Array, angle: float, mirrored: bool) -> Array:
 
 
 def by_press(frames: Array, modelled: Array) -> float:
-    """Share of the unit frames' sum of squares that unit modelled frames explain, one gain each."""
+    """Share of the sum of squares of frames that modelled ones explain; both have an rms of 1."""
     return float(np.mean(np.mean(frames * modelled, axis=1) ** 2))
 
 

@@ -27,3 +27,17 @@ def test_every_choice_is_computed_as_it_says(tmp_path: Path, tiny: Suite) -> Non
         assert wide.score[method] - own.score[method] == pytest.approx(gain)
     different = {round(choice.ssim["noser"], 6) for choice in found.values()}
     assert len(different) == len(METRIC_VARIANTS)
+
+
+@pytest.mark.parametrize(
+    ("shape", "left_out"),
+    [((10, 10), {"SSIM window 11 x 11"}), ((16, 80), {"rim of 10% left out"})],
+)
+def test_choices_without_room_are_left_out(
+    tmp_path: Path, tiny: Suite, shape: tuple[int, int], left_out: set[str]
+) -> None:
+    small = tiny.scenarios[0].model_copy(update={"image_shape": shape})
+    suite = tiny.model_copy(update={"scenarios": (small,)})
+    run = read_run(start_run(make_plan(suite, methods=["noser"]), tmp_path / "run").path)
+    found = {one.says for one in sensitivity({"noser": (run, "noser")}, small.name)}
+    assert {variant.says for variant in METRIC_VARIANTS} - found == left_out

@@ -23,7 +23,8 @@ from eitbench.benchmark.design.designs import default_touch
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
-from eitbench.scenarios.sensors.sensor import Sensor, foam16
+from eitbench.scenarios.sensors.patterns import offset_pattern
+from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes, foam16
 
 ROW, COLUMN = 10, 26
 TOUCH = Touch(0.008, -0.3)
@@ -223,3 +224,15 @@ def test_a_touch_that_does_not_fit_is_refused(
 def test_an_impossible_touch_is_refused(radius: float, contrast: float) -> None:
     with pytest.raises(InputError):
         Touch(radius, contrast)
+
+
+@pytest.mark.parametrize("offset", [1, 2])
+def test_what_too_few_measurements_do_not_tell_has_no_bound(small: Sensor, offset: int) -> None:
+    """With four electrodes one or two measurements are independent; a touch has four unknowns."""
+    electrodes = even_electrodes(small.outline, 4, 0.01, 1e-3, start=0.05)
+    few = replace(small, electrodes=electrodes, pattern=offset_pattern(4, offset))
+    found = maps(whitened_jacobian(few, noise_of(few, 60.0)), TOUCH)
+    known = np.isfinite(found.detectability)
+    assert known.any()
+    for bound in (found.place, found.strength, found.size):
+        assert np.isposinf(bound[known]).all()

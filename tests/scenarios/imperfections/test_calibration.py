@@ -7,7 +7,11 @@ import pytest
 
 from eitbench.scenarios import InputError, load, sensor
 from eitbench.scenarios.imperfections.calibration import Calibration, _misfit, calibrate
-from eitbench.scenarios.imperfections.imperfections import Imperfections, channels
+from eitbench.scenarios.imperfections.imperfections import (
+    Imperfections,
+    channels,
+    farthest_shifts,
+)
 from eitbench.scenarios.imperfections.noise import add_noise
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.suites.scenario import SimulatedScenario
@@ -129,6 +133,17 @@ def test_a_nominal_sensor_is_left_as_it_is() -> None:
     assert not found.credible
     assert np.array_equal(found.nominal, frames[0])
     assert np.array_equal(found.corrected(2 * frames), 2 * frames)
+
+
+def test_wide_electrodes_far_from_their_places_are_calibrated() -> None:
+    """A step tries no place where electrodes overlap."""
+    width = 0.9 * FOAM.outline.perimeter / 16
+    wide = replace(FOAM, electrodes=tuple(replace(e, width=width) for e in FOAM.electrodes))
+    board = Imperfections(electrode_shift_m=2e-3)
+    unit = forward_model(replace(wide, electrodes=board.built(wide)))
+    found = calibrate(wide, unit.voltages(unit.background)[None])
+    assert np.abs(found.shifts).max() <= farthest_shifts(wide).max() * (1 + 1e-12)
+    assert found.misfit_after < found.misfit_before
 
 
 @pytest.mark.slow

@@ -1,15 +1,22 @@
 """Imperfections: each does what its law says, alone, and nothing that is not declared."""
 
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from eitbench.scenarios import load, sensor
-from eitbench.scenarios.imperfections.imperfections import TYPICAL, Imperfections, channels
+from eitbench.scenarios.imperfections.imperfections import (
+    TYPICAL,
+    Imperfections,
+    channels,
+    rooms,
+)
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.patterns import offset_pattern
+from eitbench.scenarios.sensors.sensor import Electrode
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import load_suite, suites
 
@@ -77,6 +84,26 @@ def test_electrodes_never_overlap_however_bad_the_sensor() -> None:
             unit=unit, electrode_shift_m=0.05, electrode_width=1.0, contact_impedance=1.0
         )
         scenario(bad).data_model("test")  # a Sensor refuses electrodes that overlap
+
+
+def test_electrodes_of_unlike_widths_keep_them_within_tolerance() -> None:
+    """Of a wide and a narrow electrode each has half of the free rim between them."""
+    foam = sensor("foam16")
+    pitch = foam.outline.perimeter / 16
+    unlike = replace(
+        foam,
+        electrodes=tuple(
+            Electrode(e.centre, pitch * (1.04 if k % 2 else 0.24), e.contact_impedance)
+            for k, e in enumerate(foam.electrodes)
+        ),
+    )
+    np.testing.assert_allclose(rooms(unlike), pitch * np.tile([0.3, 0.7], 8), rtol=1e-9)
+    exact = Imperfections(electrode_shift_m=1e-9, electrode_width=1e-9).built(unlike)
+    for built, nominal in zip(exact, unlike.electrodes, strict=True):
+        assert built.centre == pytest.approx(nominal.centre, abs=1e-8)
+        assert built.width == pytest.approx(nominal.width, rel=1e-7)
+    worst = Imperfections(electrode_shift_m=1.0, electrode_width=3.0).built(unlike)
+    replace(unlike, electrodes=worst)  # which refuses electrodes that overlap
 
 
 def test_gain_and_offset_belong_to_channels(frames: np.ndarray, untouched: np.ndarray) -> None:

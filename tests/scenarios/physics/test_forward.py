@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import ForwardModel, forward_model
+from eitbench.scenarios.physics.mesh import triangle_mesh
 from eitbench.scenarios.sensors.outlines import Disc, Outline, Polygon, rectangle
 from eitbench.scenarios.sensors.patterns import DrivePattern, offset_pattern
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor, even_electrodes
@@ -40,6 +41,10 @@ def small(name: str) -> Sensor:
         "polygon": Polygon(((0, 0), (0.1, 0), (0.1, 0.05), (0.05, 0.05), (0.05, 0.1), (0, 0.1))),
     }
     return sensor_on(outlines[name], {"wide": (12, 26), "tall": (26, 12)}.get(name, (20, 20)))
+
+
+def on_triangles(s: Sensor) -> ForwardModel:
+    return ForwardModel(s, triangle_mesh(s))
 
 
 SENSORS = ["square", "wide", "tall", "disc", "polygon"]
@@ -146,6 +151,34 @@ def test_electrode_across_the_start_of_the_rim() -> None:
         s = sensor_on(Disc(0.05), (48, 48), 0.008, start=start)
         frames.append(ForwardModel(s).voltages(np.ones(s.image_shape)))
     assert np.linalg.norm(frames[0] - frames[1]) < 2e-3 * np.linalg.norm(frames[0])
+
+
+@pytest.mark.parametrize(("count", "share", "start"), [(16, 0.3, 0.02125), (12, 0.2, 0.03)])
+def test_an_electrode_may_end_at_the_first_vertex(count: int, share: float, start: float) -> None:
+    """Its end lies a rounding error before the start of the rim; both meshes take it."""
+    outline = rectangle(0.1, 0.1)
+    electrodes = even_electrodes(outline, count, share * 0.4 / count, 1e-3, start=start)
+    ends = [(e.centre + e.width / 2) % 0.4 for e in electrodes]
+    assert 0.4 - 1e-12 < max(ends) < 0.4
+    s = Sensor("corner", outline, electrodes, offset_pattern(count, 3), image_shape=(40, 40))
+    untouched = np.ones(s.image_shape)
+    squares, triangles = (m.voltages(untouched) for m in (ForwardModel(s), on_triangles(s)))
+    assert np.abs(triangles - squares).max() < 0.02 * np.abs(squares).max()
+
+
+def test_electrodes_may_have_unlike_widths() -> None:
+    """A wide one reaches beyond the middle between its centre and that of a narrow neighbour."""
+    outline = rectangle(0.1, 0.1)
+    electrodes = tuple(
+        Electrode(0.0125 + 0.025 * k, (0.026, 0.006)[k % 2], 1e-3) for k in range(16)
+    )
+    s = Sensor("unlike", outline, electrodes, offset_pattern(16, 3), image_shape=(40, 40))
+    untouched = np.ones(s.image_shape)
+    squares, triangles = (m.voltages(untouched) for m in (ForwardModel(s), on_triangles(s)))
+    assert np.abs(triangles - squares).max() < 0.01 * np.abs(squares).max()
+    pairs = s.pattern.reciprocal_pairs()
+    gap = squares[pairs[:, 1]] - s.pattern.reciprocal_signs(pairs) * squares[pairs[:, 0]]
+    assert np.abs(gap).max() < 1e-10 * np.abs(squares).max()
 
 
 @pytest.mark.parametrize("first", [1, 2, 3])
