@@ -143,12 +143,13 @@ def _places(touch: pd.DataFrame, pair: pd.DataFrame, outline: Array) -> pd.DataF
 def threshold(shown: Array) -> float:
     """Strength that new frames without a touch exceed with a probability of at most 1 %.
 
-    It is one of the n strengths `shown`, n >= 99: of n + 1 exchangeable frames, the new one is
-    among the r strongest with probability r / (n + 1) (order statistics, as in split conformal
-    prediction). The rate given these n frames may be higher than its mean.
+    It is one of the n strengths `shown`: of n + 1 exchangeable frames, the new one is among the r
+    strongest with probability r / (n + 1) (order statistics, as in split conformal prediction).
+    The rate given these n frames may be higher than its mean. It is infinite for n < 99: of so few
+    not even the strongest is exceeded so rarely.
     """
     rank = int(np.ceil((1 - FALSE_ALARMS) * (len(shown) + 1) - 1e-9))
-    return float(np.sort(shown)[min(rank, len(shown)) - 1])
+    return float(np.sort(shown)[rank - 1]) if rank <= len(shown) else float("inf")
 
 
 def _smallest(touches: pd.DataFrame) -> tuple[float, float]:
@@ -271,5 +272,7 @@ def pull_to_centre(touch: pd.DataFrame) -> tuple[float, float, float]:
     below = drawn @ square
     draws = 1 - (drawn @ cross)[below > 0] / below[below > 0]
     pull = 1 - cross.sum() / square.sum()
-    low, high = intervals(np.float64(pull), draws, len(keys))
+    low, high = np.nan, np.nan
+    if len(keys) >= MIN_CLUSTERS:
+        low, high = intervals(np.float64(pull), draws, len(keys))
     return float(pull), float(low), float(high)

@@ -23,8 +23,8 @@ from eitbench.benchmark.rundir.kinds import PLACE_RUNS
 from eitbench.scenarios.suites.scenario import TransferScenario
 
 FEWEST_SKINS = 6
-"""Fewer give no interval: all skins together lie on one side of the median of all skins in more than
-5 % of draws, so that not even their whole range is an interval of 95 %."""
+"""Fewer give no interval: in more than 5 % of cases they all lie on one side of the median of all
+skins, so that not even their whole range is an interval of 95 %."""
 
 
 class SkinError(NamedTuple):

@@ -44,7 +44,7 @@ from eitbench.reports.page.images import FEW_STEPS, shown_families, shown_sample
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from eitbench.scenarios.arrays import Array
+    from numpy.typing import NDArray
 
 TIMES = ("frame_ms", "uncertainty_ms", "novelty_ms", "forward_ms", "grad_ms")
 """Columns of samples with what a method or operator took."""
@@ -265,7 +265,7 @@ def _add_images(run: Run, out: h5py.File, steps: int) -> None:
                 assert name == TRUTH or run.kind.array in out[f"{scenario}/{name}"]
 
 
-def picture_step(images: Array, scene: Scene, steps: int) -> float:
+def picture_step(images: NDArray[np.floating], scene: Scene, steps: int) -> float:
     """The step [S/m] to which images (n, H, W) are rounded, of which a picture has `steps`.
 
     They are of the data range; where no truth gives pictures their colours, of the images' own

@@ -1,10 +1,10 @@
 """Rules that test the published claims on the evidence."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.stats import binomtest
 
 from eitbench.benchmark.metrics.metric_spec import Best
@@ -14,6 +14,7 @@ from eitbench.benchmark.metrics.statistics import (
     LEVEL,
     Interval,
     bootstrap,
+    means,
     medians,
 )
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, OPERATOR_RUNS
@@ -98,6 +99,20 @@ PLACE_FIGURE = Figure("error of the place, PhyDNN minus DNN [mm]", None)
 FORCE_FIGURE = Figure("relative error of the force, PhyDNN minus DNN", None)
 
 
+_Array = NDArray[np.float64]
+
+
+def _intervals(
+    values: ArrayLike,
+    clusters: ArrayLike,
+    statistic: Callable[[_Array, _Array], _Array] = means,
+) -> list[Interval]:
+    """As `bootstrap`; of a single sample nothing is measured."""
+    if len(np.asarray(values)) < 2:
+        raise NotMeasuredError("One sample has no interval: run more of them.")
+    return bootstrap(values, clusters, statistic)
+
+
 def _tested(figure: Figure, interval: Interval, met: Range, n: int) -> Figure:
     return replace(
         figure,
@@ -160,7 +175,7 @@ def operator_row(name: str, evidence: Evidence) -> Finding:
 def operator_order(evidence: Evidence) -> Finding:
     """Test if the surrogate's error is below the Jacobian's, sample by sample."""
     measured, differences = evidence.paired(OPERATOR_RUNS, "surrogate", "jacobian", ["mse"])
-    (interval,) = bootstrap(differences, measured.samples["cluster"])
+    (interval,) = _intervals(differences, measured.samples["cluster"])
     figure = _tested(ERROR_FIGURE, interval, better("min"), len(differences))
     return _finding([figure], "The errors are compared on the same samples.", measured)
 
@@ -169,7 +184,7 @@ def operator_ratio(evidence: Evidence) -> Finding:
     """Test the ratio of the errors of the Jacobian and the surrogate, on either side."""
     surrogate, jacobian = (evidence.of(OPERATOR_RUNS, name) for name in ("surrogate", "jacobian"))
     errors = np.stack([one.samples["mse"] for one in (jacobian, surrogate)], axis=1)
-    (ratio,) = bootstrap(errors, surrogate.samples["cluster"], _ratios)
+    (ratio,) = _intervals(errors, surrogate.samples["cluster"], _ratios)
     met = around(RATIO, **RATIO_TOLERANCE)
     figure = _tested(RATIO_FIGURE, ratio, met, len(errors))
     return _finding(
@@ -195,7 +210,7 @@ def table_row(method: str, evidence: Evidence) -> Finding:
     measured = evidence.of(METHOD_RUNS, method)
     figures = []
     samples = measured.samples
-    intervals = bootstrap(samples[list(IMAGE_METRICS)].to_numpy(), samples["cluster"])
+    intervals = _intervals(samples[list(IMAGE_METRICS)].to_numpy(), samples["cluster"])
     for name, figure, interval in zip(IMAGE_METRICS, row_figures(method), intervals, strict=True):
         met = around(TABLE_II[method][name], **TOLERANCES[name])
         if method not in CLASSICAL:
@@ -237,7 +252,7 @@ def better_than(
             pair = f"{LABELS[first]} minus {LABELS[second]}"
             if len(scenarios) > 1:
                 pair += f" on {scenario}"
-            found = bootstrap(differences, measured.samples["cluster"])
+            found = _intervals(differences, measured.samples["cluster"])
             figures += _sides(pair, found, len(differences), metrics)
             every.append(measured)
     return _finding(
@@ -322,7 +337,7 @@ def _median_difference(
     if not known.any():
         raise NotMeasuredError(f"{measured.run.path} holds no sample with a {metric!r}.")
     samples = measured.samples[known]
-    (interval,) = bootstrap(differences[known], samples["cluster"], medians)
+    (interval,) = _intervals(differences[known], samples["cluster"], medians)
     tested = _tested(figure, interval, better(best_of(metric)), len(samples))
     conditions = measured.conditions
     if len(samples) < len(known):

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 LEGEND = (
     "A touch is detected if its image is stronger than a threshold for 1 % of false alarms, from "
-    "frames without a touch of the same method and noise. Methods are tuned for each level by S, "
+    "frames without a touch of the same method and noise (99 at least, or nothing counts as "
+    "detected). Methods are tuned for each level by S, "
     "the score of images; a sharper image can cost detection, so that a method may feel lighter "
     "touches at more noise. The cards of the metrics have formulas and traps."
 )

@@ -24,7 +24,7 @@ _RIM = 128
 def error_maps(
     methods: Mapping[str, tuple[Run, str]], cells: Mapping[str, pd.DataFrame], scenario: str
 ) -> dict[str, Any] | None:
-    """Map the errors of the first `MAPPED_METHODS` methods; None without places or few.
+    """Map the errors of the first `MAPPED_METHODS` methods; None with few places or all on a line.
 
     Args:
         methods: the run and the name of each method, by its label, the best first.
@@ -55,6 +55,8 @@ def error_maps(
         register = Similarity.from_json(run.cells.loc[of, "registration"].iloc[0])
         places = 1e3 * register(places / 1e3)
     corner, size = places.min(axis=0), np.ptp(places, axis=0)
+    if size.min() * len(places) < size.max():  # places on a line are no map
+        return None
     side = float(np.sqrt(_PRESSES_A_SQUARE * size.prod() / len(places)))
     squares = np.ceil(size / side).astype(int)
     corner -= (squares * side - size) / 2

@@ -25,6 +25,8 @@ def test_the_threshold_lets_one_in_a_hundred_pass() -> None:
         limits = np.array([threshold(rng.uniform(size=n)) for _ in range(4000)])
         rate = (1 - limits).mean()  # of uniform strengths, the share above a limit is 1 - limit
         assert 0.5 / n < rate < 0.0105
+    assert threshold(np.arange(99.0)) == 98
+    assert threshold(np.arange(98.0)) == np.inf  # a new frame exceeds all with 1 in 99
 
 
 def test_area_under_the_roc_is_the_probability_of_the_right_order() -> None:
@@ -65,13 +67,32 @@ def test_two_points_need_all_greater_distances_too() -> None:
 
 
 def test_images_pulled_by_a_known_share_show_that_pull() -> None:
-    x, y = map(np.ravel, np.meshgrid([0.01, 0.05, 0.09], [0.01, 0.05, 0.09]))
-    touch = pd.DataFrame({"place": np.arange(9.0), "x_m": x, "y_m": y, "detected": True})
+    sides = np.linspace(0.01, 0.09, 4)
+    x, y = map(np.ravel, np.meshgrid(sides, sides))
+    touch = pd.DataFrame({"place": np.arange(16.0), "x_m": x, "y_m": y, "detected": True})
     for pull in (0.25, 0.0, -0.1):
         touch["found_x_mm"], touch["found_y_mm"] = (
             1e3 * (0.05 + (1 - pull) * (axis - 0.05)) for axis in (x, y)
         )
         assert pull_to_centre(touch) == pytest.approx((pull, pull, pull), abs=1e-9)
+        found, low, high = pull_to_centre(touch[touch["place"].between(3, 11)])
+        assert np.isfinite(found)
+        assert np.isnan([low, high]).all()  # nine places
+
+
+def test_the_interval_of_the_pull_holds_it_as_often_as_it_says() -> None:
+    """Of 400 lattices of 16 places with noise; an interval of quantiles alone holds 92 %."""
+    rng = np.random.default_rng(0)
+    sides = np.linspace(0.01, 0.09, 4)
+    x, y = map(np.ravel, np.meshgrid(sides, sides))
+    touch = pd.DataFrame({"place": np.arange(16.0), "x_m": x, "y_m": y, "detected": True})
+    held = []
+    for _ in range(400):
+        for name, axis in (("found_x_mm", x), ("found_y_mm", y)):
+            touch[name] = 1e3 * (0.05 + 0.8 * (axis - 0.05)) + rng.normal(0, 5, 16)
+        _, low, high = pull_to_centre(touch)
+        held.append(low <= 0.2 <= high)
+    assert 0.93 <= np.mean(held) <= 0.98
 
 
 def test_true_images_feel_all_at_their_places_and_blurred_ones_do_not_tell_two_apart() -> None:

@@ -27,6 +27,15 @@ def test_few_samples_decide_nothing(n: int, build: Any) -> None:
     assert f"{n} samples are too few" in found.why
 
 
+def test_one_sample_measures_nothing(build: Any) -> None:
+    one = made("conductivity", 1, scenario="paper", inverse_crime=True)
+    build.suite = "paper"
+    build.add(one, "phydnn", np.array(one.conductivity))
+    found = findings(build.write())["table2-phydnn"]
+    assert found.verdict is Verdict.untestable
+    assert found.why.startswith("One sample has no interval")
+
+
 def test_a_limited_run_says_so(add: Callable[..., None], build: Any) -> None:
     add("phydnn", 0.01)
     build.limit = N

@@ -75,3 +75,10 @@ def test_few_presses_or_no_places_have_no_map() -> None:
     assert error_maps({"a": (run_of("a"), "a")}, few, "cam09-05") is None
     none = {"a": cell(np.ones(200)).assign(expected_x_m=np.nan)}
     assert error_maps({"a": (run_of("a"), "a")}, none, "cam09-05") is None
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-10])
+def test_places_on_a_line_are_no_map(width: float) -> None:
+    table = cell(np.full(1200, 9.0)).sort_values("sample")
+    table["expected_y_m"] = 0.01 + width * np.arange(1200) / 1200
+    assert error_maps({"m": (run_of("m"), "m")}, {"m": table}, "cam09-05") is None
