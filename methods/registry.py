@@ -12,7 +12,7 @@ from collections.abc import Callable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from eitbench.methods.method import Method
 from eitbench.methods.operator import Operator
@@ -68,8 +68,8 @@ class Registry(Generic[Base]):
         """Class decorator: make a subclass of `base` known as `name`.
 
         Raises:
-            InputError: a name that cannot be used or belongs to another class; a decorated class
-                that is no subclass of `base`.
+            InputError: a name that cannot be used or belongs to another class, of any registry; a
+                decorated class that is no subclass of `base`.
         """
         if not usable_name(name):
             raise InputError(
@@ -84,15 +84,19 @@ class Registry(Generic[Base]):
                     f"{self.base.__name__}."
                 )
             if not cls.__module__.startswith("eitbench.methods."):
-                self.import_built_in()  # their names are taken before a plugin's
-            taken = self._registered.get(name)
-            if taken is not None and (taken.__module__, taken.__qualname__) != (
-                cls.__module__,
-                cls.__qualname__,
-            ):
-                raise InputError(
-                    f"The {self.kind} name {name!r} is taken by {taken.__module__}: choose another."
-                )
+                for registry in REGISTRIES:
+                    registry.import_built_in()  # their names are taken before a plugin's
+            # Runs and boards know a name alone: it is of one thing, of whatever kind.
+            for registry in REGISTRIES:
+                taken = registry._registered.get(name)
+                if taken is not None and (taken.__module__, taken.__qualname__) != (
+                    cls.__module__,
+                    cls.__qualname__,
+                ):
+                    raise InputError(
+                        f"The name {name!r} is taken by a {registry.kind} of {taken.__module__}: "
+                        "choose another."
+                    )
             self._registered[name] = cls
             return cls
 
@@ -189,6 +193,8 @@ PLACE_REGISTRY = Registry(
     "eitbench.place_methods",
     ("places.regressions", "places.networks", "places.topographic_map"),
 )
+
+REGISTRIES: tuple[Registry[Any], ...] = (METHOD_REGISTRY, OPERATOR_REGISTRY, PLACE_REGISTRY)
 
 register = METHOD_REGISTRY.register
 methods = METHOD_REGISTRY.known

@@ -45,8 +45,11 @@ class Similarity:
         Raises:
             ValueError, TypeError: it is no similarity.
         """
-        scale, turn, shift = json.loads(text)
-        found = cls(float(scale), np.array(turn, float), np.array(shift, float))
+        try:
+            scale, turn, shift = json.loads(text)
+            found = cls(float(scale), np.array(turn, float), np.array(shift, float))
+        except (OverflowError, RecursionError) as error:
+            raise ValueError("it is no similarity") from error
         sound = found.turn.shape == (2, 2) and found.shift.shape == (2,)
         if not (
             sound

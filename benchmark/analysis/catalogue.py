@@ -102,27 +102,30 @@ def packaged_suites() -> list[str]:
 
 
 @cache  # every row of a report asks
-def _sensors_of(suite: str) -> dict[str, Any]:
-    """The sensor of each scenario of a packaged suite; None where it is recorded."""
-    return {of.name: getattr(of, "sensor", None) for of in load_suite(suite).scenarios}
+def _packaged(suite: str) -> dict[str, dict[str, Any]]:
+    """The scenarios of a packaged suite by name, as a manifest describes them."""
+    return {of.name: of.model_dump(mode="json") for of in load_suite(suite).scenarios}
 
 
 def suite_options(declared: Mapping[str, Any], scenario: str) -> list[str]:
     """The words of a command that name a suite, and the sensor that it was moved to.
 
-    A suite of a user's own stands there as a file of its name.
+    A suite of a user's own stands there as a file of its name, and so does one that has the name
+    of a packaged suite, but declares the scenario otherwise.
 
     Args:
         declared: the suite, as a manifest describes it.
         scenario: the name of one of its scenarios.
     """
     name = str(declared["name"])
-    if name not in suites():
-        return [f"{name}.toml"]
-    here = {of["name"]: of.get("sensor") for of in declared["scenarios"]}.get(scenario)
-    if here is None or here == _sensors_of(name).get(scenario):
+    here: Mapping[str, Any] = next(of for of in declared["scenarios"] if of["name"] == scenario)
+    ours = _packaged(name).get(scenario, {}) if name in suites() else {}
+    other = {key for key, value in here.items() if ours.get(key) != value}
+    if not other:
         return [name]
-    return [name, "--sensor", Path(here).name]
+    if name in suites() and "sensor" in other and other <= {"sensor", "image_shape"}:
+        return [name, "--sensor", Path(here["sensor"]).name]
+    return [f"{name}.toml"]
 
 
 def about_recording(name: str) -> Recording | None:

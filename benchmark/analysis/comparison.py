@@ -158,6 +158,8 @@ def _read_results(path: Path) -> Results:
     if (path / manifest.FILE_NAME).is_file():
         about = manifest.read(path)  # nothing is scored by a run of which a part is damaged
     samples = checked_table(table, METHOD_RUNS)
+    if "method" not in samples and "operator" in samples:
+        raise InputError(f"{path} is a run of operators: only methods are compared.")
     missing = [name for name in _NEEDED if name not in samples]
     if missing:
         raise InputError(

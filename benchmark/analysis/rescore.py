@@ -69,14 +69,14 @@ def rescored(run: Run) -> Iterator[tuple[Rescored, pd.DataFrame]]:
             raise InputError(f"The suite of {run.path} has no scenario {name!r}.")
         registration = None
         if _truth(scenarios[name]) == "position":
-            stored = _stored_text(run, name, method, "registration")
+            stored = stored_text(run, name, method, "registration")
             if not stored:
                 raise InputError(
                     f"{run.path} does not say how images of {method!r} map to places (its "
                     "registration): run the suite again."
                 )
             registration = _parsed(Similarity.from_json, stored, run, method)
-        stored = _stored_text(run, name, method, "load_calibration")
+        stored = stored_text(run, name, method, "load_calibration")
         calibration = _parsed(LoadCalibration.from_json, stored, run, method) if stored else None
         if calibration is not None and calibration.quantity not in rows:
             raise InputError(
@@ -138,7 +138,7 @@ def _stored(run: Run, scenario: Scenario, rows: pd.DataFrame) -> GroundTruth:
     return GroundTruth(scenario.name, scenario.nominal_sensor, rows, truth, images, images)
 
 
-def _stored_text(run: Run, scenario: str, method: str, column: str) -> str:
+def stored_text(run: Run, scenario: str, method: str, column: str) -> str:
     """Text that the only cell of a method on a scenario holds in a column; "" for none."""
     of = (run.cells["scenario"] == scenario) & (run.cells["method"] == method)
     stored = run.cells[of].get(column, pd.Series(dtype=str)).tolist()

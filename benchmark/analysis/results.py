@@ -134,11 +134,12 @@ class Run:
 
     @cached_property
     def parameters(self) -> dict[tuple[str, str], Any]:
-        """Parameters that were not the defaults, by scenario and method (or operator)."""
+        """Parameters that were given or not the defaults, by scenario and method (or operator)."""
         return {
             (str(cell.get("scenario")), str(cell.get("name"))): cell["parameters"]
             for cell in self.manifest["cells"]
-            if cell.get("variant") == "" and cell.get("parameters")
+            if cell.get("variant") == ""
+            and (cell.get("parameters") or cell.get("track") == "given")
         }
 
     def scene(self, scenario: str, samples: Sequence[int]) -> Scene:

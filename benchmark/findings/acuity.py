@@ -274,5 +274,5 @@ def pull_to_centre(touch: pd.DataFrame) -> tuple[float, float, float]:
     pull = 1 - cross.sum() / square.sum()
     low, high = np.nan, np.nan
     if len(keys) >= MIN_CLUSTERS:
-        low, high = intervals(np.float64(pull), draws, len(keys))
+        low, high = intervals(np.asarray(pull), draws, len(keys))
     return float(pull), float(low), float(high)

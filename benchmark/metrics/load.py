@@ -45,8 +45,11 @@ class LoadCalibration:
         Raises:
             ValueError, TypeError: it is no calibration.
         """
-        quantity, *numbers = json.loads(text)
-        offset, slope, full_scale = map(float, numbers)
+        try:
+            quantity, *numbers = json.loads(text)
+            offset, slope, full_scale = map(float, numbers)
+        except (OverflowError, RecursionError) as error:
+            raise ValueError("it is no calibration") from error
         if not (quantity in LOADS and all(map(math.isfinite, (offset, slope)))):
             raise ValueError("it is no calibration")
         if not (slope >= 0 and 0 < full_scale < math.inf):

@@ -275,7 +275,7 @@ def read_parameters(text: str) -> dict[str, dict[str, Any]]:
     try:
         content = text.encode() if text.lstrip().startswith("{") else _small_file(Path(text))
         found: dict[str, dict[str, Any]] = _PARAMETERS.validate_python(
-            json.loads(content, object_pairs_hook=_without_repeats)
+            json.loads(content, object_pairs_hook=_without_repeats, parse_constant=_no_constant)
         )
     except InputError:
         raise
@@ -286,6 +286,10 @@ def read_parameters(text: str) -> dict[str, dict[str, Any]]:
             f"path of a file that holds it; got {text[:80]!r}: {reason}."
         ) from error
     return found
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name} is no JSON")
 
 
 def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -57,7 +57,7 @@ class RunStore:
         """
         if path.exists() and not path.is_dir():
             raise InputError(f"The output {path} is a file: choose a folder with --out.")
-        if path.is_dir() and not _unused(path):
+        if path.is_dir() and not unused(path):
             raise InputError(
                 f"The output folder {path} is not empty: choose another with --out, or continue "
                 f"a run in it with `{resume_command(path)}`."
@@ -228,7 +228,7 @@ def _concatenate(tables: list[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
 
-def _unused(path: Path) -> bool:
+def unused(path: Path) -> bool:
     """True if nothing is in the folder but what a run leaves that was killed as it began."""
     return all(
         there.name == lock.FILE_NAME

@@ -1,5 +1,6 @@
 """Runs of the methods and operators that the published claims are about."""
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -38,7 +39,7 @@ def run_claims(
         except RunInterruptedError as interrupted:
             again = "" if limit is None else f" --limit {limit}"
             raise RunInterruptedError(
-                interrupted.reason, f"eitbench reproduce --out {out}{again}"
+                interrupted.reason, f"eitbench reproduce --out {shlex.quote(str(out))}{again}"
             ) from interrupted
         folders.append(folder)
     return folders

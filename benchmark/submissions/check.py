@@ -92,7 +92,7 @@ CHECKS: dict[str, Callable[[Submission], str]] = {
     "tracks, parameters and weights are ours": choices_are_ours,
     "no test samples were learned from": learned_apart,
     "frames, truth and geometry are ours": frames_are_ours,
-    "registrations are those of the stored images": registrations_are_ours,
+    "registrations and load calibrations are those of the stored images": registrations_are_ours,
     "figures are those of the stored images": scores_are_ours,
     "failures are reported": failures_are_reported,
     "notes on recordings are ours": notes_are_ours,

@@ -9,19 +9,21 @@ Each check returns what is wrong, as a sentence; "" where nothing is.
 from __future__ import annotations
 
 import json
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from eitbench.benchmark.analysis.recording_notes import notes_of
-from eitbench.benchmark.analysis.rescore import ROUNDING, rescored
+from eitbench.benchmark.analysis.rescore import ROUNDING, rescored, stored_text
 from eitbench.benchmark.analysis.results import (
     NOTES_FILE,
     cells_of,
     rows_of,
 )
 from eitbench.benchmark.analysis.standings import standings
-from eitbench.benchmark.metrics.evaluation import fit_registration
+from eitbench.benchmark.metrics.evaluation import fit_calibration, fit_registration
+from eitbench.benchmark.metrics.load import LoadCalibration
 from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import read_validation
@@ -93,23 +95,42 @@ def failures_are_reported(of: Submission) -> str:
 
 
 def registrations_are_ours(of: Submission) -> str:
-    """A registration that does not follow from the images of validation presses."""
-    for (scenario, method), rows in rows_of(of.run.cells).items():
-        validation = of.data[scenario].validation
-        if validation is None:
-            continue
-        shape = (len(validation), *validation.sensor.image_shape)
-        images = read_validation(of.run.path / METHOD_RUNS.arrays, scenario, method, shape)
-        fitted = fit_registration(validation, images)
-        stored = Similarity.from_json(rows["registration"].iloc[0])
-        pairs = ((stored.scale, fitted.scale), (stored.turn, fitted.turn),
-                 (stored.shift, fitted.shift))  # fmt: skip
-        if not all(_agree(np.asarray(one), np.asarray(other)) for one, other in pairs):
-            return (
-                f"The registration of {method!r} on {scenario!r} does not follow from its images "
-                "of the validation presses."
-            )
+    """A registration or calibration that does not follow from the images of validation presses."""
+    for scenario, method in rows_of(of.run.cells):
+        text = partial(stored_text, of.run, scenario, method)
+        validation, fitted, calibration = of.data[scenario].validation, None, None
+        if validation is not None:
+            shape = (len(validation), *validation.sensor.image_shape)
+            images = read_validation(of.run.path / METHOD_RUNS.arrays, scenario, method, shape)
+            calibration = fit_calibration(validation, images)
+            if validation.truth == "position":
+                fitted = fit_registration(validation, images)
+        for name, same in (
+            ("registration", _same_registration(text("registration"), fitted)),
+            ("load calibration", _same_load(text("load_calibration"), calibration)),
+        ):
+            if not same:
+                return (
+                    f"The {name} of {method!r} on {scenario!r} does not follow from its images of "
+                    "the validation presses."
+                )
     return ""
+
+
+def _same_registration(stored: str, fitted: Similarity | None) -> bool:
+    if fitted is None or not stored:
+        return fitted is None and not stored
+    found = Similarity.from_json(stored)
+    pairs = ((found.scale, fitted.scale), (found.turn, fitted.turn), (found.shift, fitted.shift))
+    return all(_agree(np.asarray(one), np.asarray(other)) for one, other in pairs)
+
+
+def _same_load(stored: str, fitted: LoadCalibration | None) -> bool:
+    if fitted is None or not stored:
+        return fitted is None and not stored
+    found = LoadCalibration.from_json(stored)
+    numbers = (np.array([of.offset, of.slope, of.full_scale]) for of in (found, fitted))
+    return found.quantity == fitted.quantity and _agree(*numbers)
 
 
 def scores_are_ours(of: Submission) -> str:

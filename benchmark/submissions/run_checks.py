@@ -78,9 +78,9 @@ def holds_nothing_else(of: Submission) -> str:
         for path in of.run.path.iterdir():
             if path.name not in (folders if path.is_dir() else FILES):
                 return f"A submission has no {path.name!r}: delete it."
-        parents = of.run.path.resolve().parents
-        if parents[1].name == FOLDER and parents[0].name != of.plan.suite.name:
-            return f"It belongs into {FOLDER}/{of.plan.suite.name}, and not {parents[0].name}."
+        above = of.run.path.resolve().parent
+        if above.parent.name == FOLDER and above.name != of.plan.suite.name:
+            return f"It belongs into {FOLDER}/{of.plan.suite.name}, and not {above.name}."
     return ""
 
 

@@ -52,7 +52,7 @@ def board_of(run: Path) -> Path | None:
     """
     parents = run.resolve().parents
     if is_submission(run):
-        return parents[2] if parents[1].name == FOLDER else None
+        return parents[2] if len(parents) > 2 and parents[1].name == FOLDER else None
     return parents[0]
 
 

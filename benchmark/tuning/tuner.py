@@ -5,7 +5,6 @@ it is done, so that a tuning that was killed continues; the journals are removed
 """
 
 import logging
-import shutil
 import threading
 import warnings
 from collections.abc import Iterator, Sequence
@@ -124,17 +123,21 @@ def tune(
             for group in groups.values()
             for name in plan.methods
         ]
-        yield from _run_all(studies, folder, jobs)
-        shutil.rmtree(folder / JOURNALS, ignore_errors=True)
+        used: set[Path] = set()
+        yield from _run_all(studies, folder, jobs, used)
+        # Others are of tunings that were stopped.
+        for journal in used:
+            journal.unlink(missing_ok=True)
 
 
 def _run_all(
-    studies: Sequence[TuningTask], folder: Path, jobs: int
+    studies: Sequence[TuningTask], folder: Path, jobs: int, used: set[Path]
 ) -> Iterator[tuple[str, str, Selection]]:
     stop = threading.Event()
     with ThreadPoolExecutor(jobs) as pool:
         try:
-            futures = [pool.submit(select, study, folder / JOURNALS, stop) for study in studies]
+            journals = folder / JOURNALS
+            futures = [pool.submit(select, study, journals, stop, used) for study in studies]
             for study, future in zip(studies, futures, strict=True):
                 selection = future.result()
                 if selection is not None:
@@ -158,9 +161,14 @@ def _truth(scenario: Scenario) -> str:
 
 
 def select(
-    study: TuningTask, journals: Path, stop: threading.Event | None = None
+    study: TuningTask,
+    journals: Path,
+    stop: threading.Event | None = None,
+    used: set[Path] | None = None,
 ) -> Selection | None:
     """Run `study`, continued from its journal if there is one; None without a search space.
+
+    The journal is in the folder `journals`; its path is added to `used`.
 
     Raises:
         InputError: the method cannot be tuned.
@@ -182,7 +190,10 @@ def select(
         if space is None:
             return None
         key = _key(study, space)
-        searched = _opened(journals / f"{key[:32]}.log", key, space)
+        journal = journals / f"{key[:32]}.log"
+        if used is not None:
+            used.add(journal)
+        searched = _opened(journal, key, space)
         ended_by = _search(searched, space, validations, study.budget, stop)
         trials = _trials(searched, space)
         # The first of equals; the defaults where nothing gave a figure.

@@ -268,9 +268,12 @@ def measure(
             "When a touch is detected depends on the noise: give the SNR of a frame in dB, for "
             "example `--snr 60`."
         )
-    for what, value in (("frame rate", frame_rate), ("radius of a touch", radius_m)):
+    for what, value, unit in (
+        ("frame rate", frame_rate, "frames/s"),
+        ("radius of a touch", 1e3 * radius_m, "mm"),
+    ):
         if not 0 < value < np.inf:
-            raise InputError(f"The {what} has to be above 0, got {value:g}.")
+            raise InputError(f"The {what} has to be above 0, got {value:g} {unit}.")
     if not 0 <= reference_age_s < np.inf:
         raise InputError(f"The age of a reference is at least 0 s, got {reference_age_s:g}.")
     frame_s, distance_m = 1 / frame_rate, DISTANCE * side

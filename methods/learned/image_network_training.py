@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from eitbench.methods.learned.linear_maps import Ridge, ridge
-from eitbench.methods.registry import operator
+from eitbench.methods.registry import operator, operators
 from eitbench.methods.training.augmentation import Augmentation, symmetries
 from eitbench.methods.training.loop import Data, TrainingTask, working_precision
 from eitbench.methods.training.losses import image_loss
@@ -139,6 +139,7 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         backbone=backbone,
         loss=request.loss,
         operator=name,
+        operator_weights="" if name is None else operators()[name].weights_hash(sensor),
         alpha=request.alpha,
         beta=beta,
         limit=count,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
@@ -93,7 +94,8 @@ class TrainingRequest:
 
     def command(self, epochs: int) -> str:
         """Return the command that does the same."""
-        words = f"eitbench train {self.name} --suite {self.suite}{self._arguments(('scenario',))}"
+        words = f"eitbench train {self.name} --suite {shlex.quote(str(self.suite))}"
+        words += self._arguments(("scenario",))
         return f"{words} --epochs {epochs} --seed {self.seed}{self._arguments(OPTIONS)}"
 
     def check_options(self, allowed: Iterable[str]) -> None:
@@ -110,7 +112,8 @@ class TrainingRequest:
         defaults = {field.name: field.default for field in fields(self)}
         chosen = {name: getattr(self, name) for name in options}
         return "".join(
-            f" --{name.replace('_', '-')}" + ("" if value is True else f" {value}")
+            f" --{name.replace('_', '-')}"
+            + ("" if value is True else f" {shlex.quote(str(value))}")
             for name, value in chosen.items()
             if value != defaults[name]
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -19,7 +20,7 @@ import joblib
 from markupsafe import Markup
 
 from eitbench import __version__
-from eitbench.benchmark import atomic_write, worker_pool, writing
+from eitbench.benchmark import InputError, atomic_write, worker_pool, writing
 from eitbench.benchmark.analysis.results import Run, plugin_copies, read_run
 from eitbench.benchmark.metrics.specs import ANCHORS
 from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_MAP, STYLE, to_png
@@ -54,15 +55,33 @@ def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]
         The files, the page first; and what the runs lack, a sentence each, as on the page.
 
     Raises:
-        InputError, DataCorruptError: as for `read_run` and `report_of`.
+        InputError, DataCorruptError: as for `read_run` and `report_of`, or there is a page of
+            somebody else in `out`.
         EitbenchError: the files cannot be written.
     """
     read = [read_run(run) for run in runs]
+    check_own_page(out / PAGE)
     report, found, files = _both_parts(read, out)
     with writing(f"the report into {out}"):
         page = to_page(report, _code_links(read, out), found)
         atomic_write(out / PAGE, page.encode())
     return [out / PAGE, *files], report["missing"]
+
+
+def check_own_page(page: Path) -> None:
+    """Check that no file of somebody else would be replaced by `page`.
+
+    Raises:
+        InputError: one would.
+        EitbenchError: the file that is there cannot be read.
+    """
+    with writing(page):
+        there = page.read_bytes()[:2000] if page.exists() else None
+    if there is not None and not _OWN_TITLE.search(there):
+        raise InputError(f"{page} is no page of eitbench: choose another folder with --out.")
+
+
+_OWN_TITLE = re.compile("<title>[^<]*– eitbench".encode())
 
 
 def _both_parts(runs: Sequence[Run], out: Path) -> tuple[ReportData, list[Finding], list[Path]]:

@@ -323,6 +323,15 @@ def _marks(content: Content) -> list[str]:
         )
     if ((content.reference < 0) | (content.reference >= n)).any():
         problems.append("The reference names frames that are not there.")
+    pressed = content.labels["x_m"].notna().to_numpy()
+    taken = [
+        np.isin(content.reference, range(a, b + 1)).any() for a, b in zip(first, last, strict=True)
+    ]
+    if (on := np.flatnonzero(pressed & np.array(taken, dtype=bool))).size:
+        problems.append(
+            f"{counted(len(on), 'touch', 'touches')} on frames of the untouched sensor, the first "
+            f"is label {on[0]}: frames are counted from 0."
+        )
     if problem := impossible_label(content):
         problems.append(f"{problem[0].upper()}{problem[1:]}.")
     if (half := half_placed(content)).size:

@@ -67,7 +67,8 @@ def parsed(arrays: Arrays, path: Path) -> pd.DataFrame:
     What has one value alone holds for all rows.
 
     Raises:
-        InputError: columns of unlike lengths, two for one thing, or text where numbers belong.
+        InputError: columns of unlike lengths, two for one thing, text or an infinite number where
+            numbers belong, or a state that is too long.
     """
     columns: dict[str, Any] = {}
     for name, array in arrays.items():
@@ -85,8 +86,16 @@ def parsed(arrays: Arrays, path: Path) -> pd.DataFrame:
         cells = array.reshape(-1)
         if known in _TEXTS:
             columns[target] = [_text(cell) for cell in cells.tolist()]
+            for text in columns[target] if target == "state" else ():
+                if len(text.encode()) > layout.STATE_BYTES:
+                    raise InputError(
+                        f"A state has at most {layout.STATE_BYTES} bytes, and {path} holds "
+                        f"{text!r}: shorten it."
+                    )
         elif cells.dtype.kind not in "iufb":
             raise InputError(f"Column {name!r} of {path} should hold numbers only.")
+        elif np.isinf(cells.astype(float)).any():
+            raise InputError(f"Column {name!r} of {path} holds a number that is not finite.")
         elif known in _ROWS:
             columns[target] = _whole(cells.astype(float), known, path)
         else:
@@ -155,10 +164,12 @@ def moved(table: pd.DataFrame, origin_mm: tuple[float, float] | None) -> pd.Data
     """The labels with places from another origin, which lies at `origin_mm` on the sensor.
 
     Raises:
-        InputError: there are no places to move.
+        InputError: there are no places to move, or the origin is not finite.
     """
     if origin_mm is None:
         return table
+    if not np.isfinite(origin_mm).all():
+        raise InputError(f"--origin takes two numbers in mm, got {origin_mm[0]} {origin_mm[1]}.")
     if not has_place(table).any():
         raise InputError("--origin moves places, and the labels have none.")
     places = zip(("x_m", "y_m"), origin_mm, strict=True)

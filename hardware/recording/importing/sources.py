@@ -75,9 +75,6 @@ def found_files(sources: Sequence[str], besides: Iterable[Path] = ()) -> tuple[l
             "that no file of frames is left. For a reference among the frames say --reference "
             "first:N."
         )
-    for path in found:
-        if path.suffix.lower() not in READERS:
-            raise InputError(f"{path} is not read: frames are in {', '.join(READERS)} files.")
     return list(dict.fromkeys(found)), others
 
 
@@ -94,7 +91,7 @@ def read_arrays(path: Path) -> Arrays:
     other columns each by its name, and `ALL_COLUMNS` together.
 
     Raises:
-        InputError: a package is missing that reads it.
+        InputError: a file of a kind that is not read, or a package is missing that reads it.
         UnreadableError: the file cannot be read.
         DataCorruptError: something in it is not what it should be.
     """
@@ -106,6 +103,10 @@ def read_arrays(path: Path) -> Arrays:
 
 def arrays_of(path: Path) -> Arrays:
     """As `read_arrays`, without trying."""
+    if not path.exists():
+        raise UnreadableError(f"Cannot read {path}: No such file or directory.")
+    if path.suffix.lower() not in READERS:
+        raise InputError(f"{path} is not read: frames are in {', '.join(READERS)} files.")
     try:
         return READERS[path.suffix.lower()](path)
     except EitbenchError:

@@ -45,6 +45,7 @@ def board(
     from eitbench.benchmark.run.progress import RunProgress
     from eitbench.benchmark.run.runner import make_plan, resume_run, start_run
     from eitbench.benchmark.rundir import manifest
+    from eitbench.benchmark.rundir.store import unused
     from eitbench.commands.console import names_in, warn
     from eitbench.reports.board.changes import REASONS, changes, in_words, last_before, reasons
     from eitbench.reports.board.records import calm_ms, check_new, cost, write_record
@@ -90,7 +91,7 @@ def board(
         result = resume_run(
             run, suite=declared, jobs=jobs, calm_ms=calm_ms(records), progress=progress
         )
-    elif run.exists() and not (run.is_dir() and not any(run.iterdir())):
+    elif run.exists() and not (run.is_dir() and unused(run)):
         raise InputError(f"{run} holds something that is no run: name another folder for --runs.")
     else:
         result = start_run(plan, run, jobs=jobs, calm_ms=calm_ms(records), progress=progress)

@@ -6,7 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from eitbench.methods.registry import methods as known_methods
+from eitbench.methods.registry import REGISTRIES
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.storage.files import writing
 
@@ -64,5 +64,6 @@ def _check_name(name: str) -> None:
             f"{name!r} cannot name a new method: use small letters, digits and hyphens, beginning "
             f"with a letter, at most {MAX_NAME} characters, as in 'my-method'."
         )
-    if name in known_methods():
-        raise InputError(f"There is a method {name!r} already: choose another name.")
+    for registry in REGISTRIES:
+        if name in registry.known():
+            raise InputError(f"There is a {registry.kind} {name!r} already: choose another name.")

@@ -132,7 +132,7 @@ def calibration_table(found: dict[str, Any]) -> "Group":
     before, after = found["misfit_before"], found["misfit_after"]
     head = (
         f"{found['sensor']}: the reference frame of the model differs from the measured one by "
-        f"{before:.2%} (rms, relative to the frame's), and by {after:.2%} after calibration. "
+        f"{before:.2%} of the frame's rms (median value), and by {after:.2%} after calibration. "
         f"1 V/A is {found['factor']:.4g} of the board's units.\n"
     )
     if not found["credible"]:

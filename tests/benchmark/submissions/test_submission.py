@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -18,6 +19,7 @@ from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.benchmark.submissions import run_checks
 from eitbench.benchmark.submissions.check import CHECKS, check_submission
 from eitbench.benchmark.submissions.rerun import (
+    _other_statement,
     digest,
     drawn_batches,
     note_reproduced,
@@ -148,7 +150,7 @@ FOLDER = "the directory holds what a run writes"
 PLAUSIBLE = "figures are plausible"
 CONTENT = "tables and images hold what a run writes"
 MEASURED = "times and memory are possible"
-REGISTRATIONS = "registrations are those of the stored images"
+REGISTRATIONS = "registrations and load calibrations are those of the stored images"
 EMPTY = hashlib.sha256(b"").hexdigest()
 A_PLUGIN = {"path": "/a.py", "sha256": EMPTY, "names": ["noser"], "sources": [""]}
 
@@ -476,6 +478,20 @@ def test_images_that_no_method_made_are_found(with_plugin: Path) -> None:
     assert found[1].problem == ""
 
 
+@pytest.mark.parametrize("exact", [True, False])
+def test_stated_figures_are_compared_frame_by_frame(exact: bool) -> None:
+    """Scores that are the means of batches have the right mean, and tell novel frames perfectly."""
+    rng = np.random.default_rng(0)
+    ours = pd.DataFrame({"novelty": rng.gamma(4.0, size=64), "crps": rng.gamma(9.0, size=64)})
+    assert _other_statement(ours.copy(), ours, exact=exact) == ""
+    batches = ours["novelty"].groupby(np.arange(64) // 32).transform("mean")
+    assert _other_statement(ours.assign(novelty=batches), ours, exact=exact) == "'novelty'"
+    better = ours.assign(crps=0.97 * ours["crps"])
+    assert _other_statement(better, ours, exact=exact) == ("'crps'" if exact else "")
+    elsewhere = ours.assign(novelty=ours["novelty"] * rng.uniform(0.97, 1.03, 64))
+    assert _other_statement(elsewhere, ours, exact=False) == ""
+
+
 @pytest.mark.slow
 def test_an_uncertainty_that_no_method_stated_is_found(with_plugin: Path) -> None:
     table = pd.read_parquet(with_plugin / "samples.parquet")
@@ -527,6 +543,14 @@ def test_a_registration_is_fitted_again(
         ([1e-9, turn, shift], "does not follow from its images"),
         ([scale, [[1, 0], [0, 5]], shift], "similarity"),
         ([-scale, turn, shift], "similarity"),
+        ([10**400, turn, shift], "similarity"),
     ):
         cells.assign(registration=json.dumps(changed)).to_parquet(run / "methods.parquet")
         assert words in problem(run, REGISTRATIONS)
+    cells.assign(registration="[" * 100_000).to_parquet(run / "methods.parquet")
+    assert "similarity" in problem(run, REGISTRATIONS)
+    # Without measured loads nothing is calibrated: a line to huge loads would make errors small.
+    cells.assign(load_calibration='["pressure_pa", 0, 0, 1e9]').to_parquet(run / "methods.parquet")
+    assert "The load calibration of 'my-noser' on 'skin' does not follow" in problem(
+        run, REGISTRATIONS
+    )

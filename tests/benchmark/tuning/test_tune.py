@@ -60,7 +60,18 @@ def test_a_trial_that_hangs_dies_or_reaches_for_the_test_split_costs_itself_only
     (file,) = tmp_path.glob("*.json")
     spent = json.loads(file.read_text())["choices"]["hostile"]["spent"]
     assert (spent["trials"], spent["failed"]) == (8, 7)
-    assert not (tmp_path / "journals").exists()
+    assert not list((tmp_path / "journals").iterdir())
+
+
+def test_journals_of_other_tunings_that_were_stopped_stay(tmp_path: Path) -> None:
+    other = tmp_path / "journals" / "other.log"
+    other.parent.mkdir()
+    other.write_text("a trial\n")
+    budget = TuningBudget(trials=2)
+    tune_all = tune(make_plan(suite(SMALL), methods=["noser"]), tmp_path, budget=budget)
+    assert len(list(tune_all)) == 1
+    assert list(other.parent.iterdir()) == [other]
+    assert other.read_text() == "a trial\n"
 
 
 FAILS = """

@@ -202,7 +202,7 @@ def test_places_lie_on_the_sensor_and_phases_fill_a_frame() -> None:
         ({"snr_db": None}, "give the SNR of a frame in dB, for example `--snr 60`"),
         ({"snr_db": np.nan}, "give the SNR"),
         ({"frame_rate": 0.0}, "The frame rate has to be above 0, got 0"),
-        ({"radius_m": -1.0}, "The radius of a touch has to be above 0, got -1"),
+        ({"radius_m": -1.0}, "The radius of a touch has to be above 0, got -1000 mm"),
         ({"reference_age_s": -1.0}, "The age of a reference is at least 0 s, got -1"),
         ({"radius_m": 0.06}, "'foam16' has no room for a touch of radius 60 mm"),
         ({"methods": ["nosr"]}, "Unknown method 'nosr': did you mean 'noser'"),
