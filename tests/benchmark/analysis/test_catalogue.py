@@ -35,3 +35,6 @@ def test_a_command_names_the_sensor_that_a_suite_was_moved_to() -> None:
     assert said == [["quick"], ["quick", "--sensor", "ohmc16"]]
     own = suite.model_dump(mode="json") | {"name": "mine"}
     assert suite_options(own, first) == ["mine.toml"]
+    edited = suite.model_dump(mode="json")
+    edited["scenarios"][0]["test"] += 1
+    assert suite_options(edited, first) == ["quick.toml"]

@@ -95,6 +95,11 @@ def test_the_command_of_a_tuned_row_makes_it_again(run: Path, tmp_path: Path) ->
     assert again.cells["parameters"].tolist() == first.cells["parameters"].tolist()
     (again_board,) = report_data([again.path])["boards"]
     assert again_board["views"][0]["rows"][0]["command"] == row["command"]
+    # Its defaults, when they are given, are no selected parameters either.
+    plan = make_plan(SUITE, methods=["constant"], plugins=[PLUGIN], parameters={"constant": {}})
+    (bare_board,) = report_data([start_run(plan, tmp_path / "bare").path])["boards"]
+    words = shlex.split(bare_board["views"][0]["rows"][0]["command"])
+    assert words[words.index("--parameters") + 1] == '{"constant": {}}'
 
 
 @pytest.mark.parametrize(
@@ -103,6 +108,7 @@ def test_the_command_of_a_tuned_row_makes_it_again(run: Path, tmp_path: Path) ->
         ("nowhere.json", "'nowhere.json': No such file"),
         ("{", "it is not JSON of this form"),
         ('{"noser": 3}', "it is not JSON of this form"),
+        ('{"noser": {"weight": NaN}}', "it is not JSON of this form"),
         ('{"noser": {}, "tv": {}, "noser": {}}', "name 'noser' more than once"),
         ('{"noser": {"weight": 1, "weight": 2}}', "name 'weight' more than once"),
     ],

@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -56,6 +57,13 @@ def tiny(pixels: int = 16, train: int = 60, name: str = "tiny") -> SimulatedScen
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
+
+
+def test_the_command_of_a_training_may_be_pasted_into_a_shell() -> None:
+    request = TrainingRequest("dnn", "my suites/own.toml", scenario="a b", loss="log-mse")
+    words = shlex.split(request.command(5))
+    assert words[words.index("--suite") + 1] == "my suites/own.toml"
+    assert words[words.index("--scenario") + 1] == "a b"
 
 
 def stored(folder: Path, group: str = WEIGHTS) -> dict[str, Any]:

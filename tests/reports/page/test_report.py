@@ -301,6 +301,14 @@ def test_methods_are_shown_with_what_they_were_told_source_and_code(
         content["plan"]["plugins"] = [{"path": "x.py", "sha256": digest, "names": ["fair"]}]
         content["git_commit"] = "0123456789abcdef"
     write_report([run], tmp_path / "out")
+    write_report([run], tmp_path / "out")  # which replaces its own page
+    (tmp_path / "mine").mkdir()
+    mine = tmp_path / "mine" / "index.html"
+    mine.write_text("<title>My page</title>")
+    with pytest.raises(InputError, match=r"index\.html is no page of eitbench"):
+        write_report([run], mine.parent)
+    assert mine.read_text() == "<title>My page</title>"
+    assert list(mine.parent.iterdir()) == [mine]
     page = (tmp_path / "out" / "index.html").read_text()
     (table,) = re.findall(r'aria-label="Methods">.*?</table>', page, re.DOTALL)
     rows = dict(re.findall(r'<th scope="row">([^<]+)</th>(.*?)</tr>', table, re.DOTALL))

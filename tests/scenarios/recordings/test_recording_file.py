@@ -166,13 +166,29 @@ def test_a_recording_without_frames_is_told(tmp_path: Path) -> None:
 
 def test_labels_off_the_sensor_are_told(tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.h5", sensor("foam16"), "fake") as recorder:
-        recorder.append(Frame(0, 0.0, 0.0, untouched(1)[0]))
+        for k, values in enumerate(untouched(2)):
+            recorder.append(Frame(k, k, k, values))
         recorder.mark_reference(0, 0)
-        recorder.label(0, 0, x_m=0.05, y_m=0.2)
+        recorder.label(1, 1, x_m=0.05, y_m=0.2)
     problems, _ = check(tmp_path / "a.h5")
     assert problems == ["1 label outside the sensor, the first at (50, 200) mm."]
     with pytest.raises(DataCorruptError, match=r"label 0 at \(50, 200\) mm is outside the sensor"):
         own_set(tmp_path / "a.h5")
+
+
+def test_touches_on_frames_of_the_untouched_sensor_are_told(tmp_path: Path) -> None:
+    """The usual slip: numbers of frames are counted from 0, and somebody counted from 1."""
+    with Recorder(tmp_path / "a.h5", sensor("foam16"), "fake") as recorder:
+        for k, values in enumerate(untouched(4)):
+            recorder.append(Frame(k, k, k, values))
+        recorder.mark_reference(0, 1)
+        recorder.label(1, 2, x_m=0.05, y_m=0.05)
+        recorder.label(3, 3, x_m=0.03, y_m=0.05)
+    problems, _ = check(tmp_path / "a.h5")
+    assert problems[0] == (
+        "1 touch on frames of the untouched sensor, the first is label 0: frames are counted from "
+        "0."
+    )
 
 
 def test_impossible_frames_are_told(tmp_path: Path) -> None:

@@ -14,9 +14,9 @@ from tests.support.pressed_skin import SKIN, pressed_skin
 
 from eitbench.hardware.recording.exchange import export_recording, import_recording
 from eitbench.hardware.recording.importing.arrays import Choice, find_frames, full_table
-from eitbench.hardware.recording.importing.labels import FramesOf, as_labels, parsed, placed
+from eitbench.hardware.recording.importing.labels import FramesOf, as_labels, moved, parsed, placed
 from eitbench.hardware.recording.importing.recording import ImportOptions
-from eitbench.hardware.recording.importing.sources import arrays_of, found_files
+from eitbench.hardware.recording.importing.sources import arrays_of, found_files, read_arrays
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.fetch import fetch_recording, read_recording
@@ -239,6 +239,33 @@ def test_what_a_sheet_says_nothing_of_is_told(tmp_path: Path, imported: Import) 
     assert len(content) == 2 * len(VALUES)
     with pytest.raises(InputError, match="--origin moves places, and the labels have none"):
         imported("a.csv", reference="first:2", origin_mm=(1.0, 2.0))
+
+
+@pytest.mark.parametrize("origin", [(np.nan, 0.0), (0.0, np.inf)])
+def test_an_origin_has_to_be_finite(origin: tuple[float, float]) -> None:
+    with pytest.raises(InputError, match="--origin takes two numbers in mm, got"):
+        moved(pd.DataFrame({"x_m": [0.01], "y_m": [0.02]}), origin)
+
+
+@pytest.mark.parametrize(
+    ("column", "says"),
+    [
+        ({"x_mm": np.array([1.0, np.inf])}, "Column 'x_mm' of sheet.csv holds a number that is"),
+        ({"state": np.array(["hard", 65 * "x"])}, "A state has at most 64 bytes, and sheet.csv"),
+    ],
+)
+def test_labels_that_cannot_be_stored_are_refused(column: Any, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        parsed({"frame": np.array([1, 2]), **column}, Path("sheet.csv"))
+
+
+@pytest.mark.parametrize(
+    ("name", "says"), [("nope", "Cannot read .*nope: No such file"), ("a.dat", "a.dat is not read")]
+)
+def test_files_that_are_not_read_are_refused(tmp_path: Path, name: str, says: str) -> None:
+    (tmp_path / "a.dat").write_text("1")
+    with pytest.raises(EitbenchError, match=says):
+        read_arrays(tmp_path / name)
 
 
 def test_rows_of_labels_that_are_left_out_are_counted(tmp_path: Path, imported: Import) -> None:

@@ -1,0 +1,39 @@
+"""Names of methods: each is of one thing, of whatever kind."""
+
+import pytest
+
+from eitbench.commands.scaffold import _check_name
+from eitbench.methods import Method, register, register_operator, register_place_method
+from eitbench.methods.operator import Operator
+from eitbench.methods.place_method import PlaceMethod
+from eitbench.scenarios.errors import InputError
+
+
+class _Method(Method):
+    pass
+
+
+class _Operator(Operator):
+    pass
+
+
+class _PlaceMethod(PlaceMethod):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("decorate", "cls", "name", "kind"),
+    [
+        (register, _Method, "kernel-ridge", "place method"),
+        (register, _Method, "fem", "operator"),
+        (register_operator, _Operator, "noser", "method"),
+        (register_place_method, _PlaceMethod, "noser", "method"),
+    ],
+)
+def test_a_name_of_another_kind_is_taken(decorate: object, cls: type, name: str, kind: str) -> None:
+    """A run would have used the one, and named the file of the other."""
+    assert callable(decorate)
+    with pytest.raises(InputError, match=f"The name '{name}' is taken by a {kind} of eitbench"):
+        decorate(name)(cls)
+    with pytest.raises(InputError, match=f"There is a {kind} '{name}' already"):
+        _check_name(name)
