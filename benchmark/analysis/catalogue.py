@@ -118,12 +118,14 @@ def suite_options(declared: Mapping[str, Any], scenario: str) -> list[str]:
         scenario: the name of one of its scenarios.
     """
     name = str(declared["name"])
-    here: Mapping[str, Any] = next(of for of in declared["scenarios"] if of["name"] == scenario)
-    ours = _packaged(name).get(scenario, {}) if name in suites() else {}
+    if name not in suites():
+        return [f"{name}.toml"]
+    here: Mapping[str, Any] = {of["name"]: of for of in declared["scenarios"]}.get(scenario, {})
+    ours = _packaged(name).get(scenario, {})
     other = {key for key, value in here.items() if ours.get(key) != value}
     if not other:
         return [name]
-    if name in suites() and "sensor" in other and other <= {"sensor", "image_shape"}:
+    if "sensor" in other and other <= {"sensor", "image_shape"}:
         return [name, "--sensor", Path(here["sensor"]).name]
     return [f"{name}.toml"]
 
