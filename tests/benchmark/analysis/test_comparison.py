@@ -256,7 +256,7 @@ def test_times_beside_other_cells_are_marked(tmp_path: Path) -> None:
     [
         (None, InputError, "run directory"),
         (b"x", DataCorruptError, "samples.parquet"),
-        (pd.DataFrame({"scenario": ["one"], "operator": ["fem"]}), InputError, "'method'"),
+        (pd.DataFrame({"scenario": ["one"], "operator": ["fem"]}), InputError, "run of operators"),
     ],
 )
 def test_bad_runs_are_refused(

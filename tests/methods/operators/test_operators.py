@@ -317,7 +317,7 @@ def test_registry() -> None:
     assert {"fem", "jacobian"} <= set(operators())
     with pytest.raises(InputError, match="Unknown operator 'fme': did you mean 'fem'"):
         operator("fme", square())
-    with pytest.raises(InputError, match="operator name 'fem' is taken"):
+    with pytest.raises(InputError, match="The name 'fem' is taken"):
 
         @register_operator("fem")
         class Impostor(Operator):

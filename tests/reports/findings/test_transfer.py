@@ -27,8 +27,7 @@ def test_skins_count_alike() -> None:
     assert list(curves["median_mm"]) == [14.0, 3.0, 5.0]  # by number of presses, then by error
     assert list(curves["skins"]) == [3, 2, 3]
     low, high, p90 = curves[["low_mm", "high_mm", "p90_mm"]].to_numpy(np.float64).T
-    assert 3.0 <= low[2] < 5.0 < high[2] <= 40.0
-    assert np.isnan(low[1])  # of two skins nothing is known
+    assert np.isnan([low, high]).all()  # of three skins not even their range holds 95 %
     assert p90[2] == 10.0
 
 
