@@ -74,7 +74,12 @@ def _peers() -> str:
         if name in presses.index:
             pressed = [f"{presses['localisation_mm'][name]:.1f}", presses["group"][name]]
         rows.append([f"`{name}`", *figures, *pressed])
-    heads = ["method", *(heading for heading, _ in columns.values()), "`ohmc16` without gains [mm]", "Ties"]
+    heads = [
+        "method",
+        *(heading for heading, _ in columns.values()),
+        "`ohmc16` without gains [mm]",
+        "Ties",
+    ]
     return printed(heads, rows)
 
 
