@@ -134,12 +134,13 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
         job.check_nominal("makes new touches of the nominal sensor in every epoch")
     # Without a physical loss to minimise, it is shown for an operator that is asked for.
     name = request.operator or ("surrogate" if beta else None)
+    known = operators().get(name or "")  # `operator` below refuses an unknown one
     backbone = request.backbone or method.backbone
     job.check(
         backbone=backbone,
         loss=request.loss,
         operator=name,
-        operator_weights="" if name is None else operators()[name].weights_hash(sensor),
+        operator_weights=known.weights_hash(sensor) if known else "",
         alpha=request.alpha,
         beta=beta,
         limit=count,
