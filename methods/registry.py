@@ -94,7 +94,7 @@ class Registry(Generic[Base]):
                     cls.__qualname__,
                 ):
                     raise InputError(
-                        f"The name {name!r} is taken by a {registry.kind} of {taken.__module__}: "
+                        f"The name {name!r} is taken by {taken.__module__} ({registry.kind}): "
                         "choose another."
                     )
             self._registered[name] = cls

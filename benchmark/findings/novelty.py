@@ -105,7 +105,7 @@ def _of_frames(run: Run, scenario: Scenario, familiar: Scenario) -> pd.DataFrame
     among = run.samples["scenario"].isin([scenario.name, familiar.name])
     rows = run.samples[among & run.samples[FRAME].notna()]
     rows = rows.drop_duplicates(["scenario", "sample"]).assign(status="ok")
-    return rows[["scenario", "sample", "cluster", "status", FRAME]]
+    return rows[["scenario", "sample", "phantom", "cluster", "status", FRAME]]
 
 
 def _told(
@@ -132,10 +132,11 @@ def _told(
 
     whole = once(statistic, len(rows))
     ends = np.full((2, len(whole)), np.nan)
-    # Sessions of the same number share their unit, and mostly their touches.
+    # Sessions of the same number share their unit, and mostly their touches. Where sessions do not
+    # differ, clusters have the names of phantoms, which both scenarios may share.
     sessions = [
-        str(of).removeprefix(str(name))
-        for of, name in zip(rows["cluster"], rows["scenario"], strict=True)
+        str(of) if of == phantom else str(of).removeprefix(str(name))
+        for of, phantom, name in rows[["cluster", "phantom", "scenario"]].itertuples(index=False)
     ]
     count = len(set(sessions))
     if with_intervals and count >= MIN_CLUSTERS and not isinstance(scenario, RecordedScenario):

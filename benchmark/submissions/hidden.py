@@ -393,7 +393,11 @@ def read_hidden(version: Path) -> list[HiddenRecord]:
 
 
 def gap_of(records: Iterable[HiddenRecord], run: Run, scenario: str, method: str) -> Gap | None:
-    """Return the gap of a method of `run`, if its code was run on the hidden set of its data."""
+    """Return the gap of a method of `run`, if it was run on the hidden set of its data.
+
+    It is the same method if it has the same name and code, and the same figure of the open set:
+    with other parameters, weights or a newer package it has another.
+    """
     plan, data = run.manifest["plan"], run.manifest["data"][scenario]["hash"]
     code = next((file["sha256"] for file in plan["plugins"] if method in file["names"]), None)
     suite = plan["suite"]["name"]
@@ -401,6 +405,17 @@ def gap_of(records: Iterable[HiddenRecord], run: Run, scenario: str, method: str
         if record.suite != suite or record.data.get(scenario, ("", ""))[0] != data:
             continue
         for gap in record.gaps:
-            if _of_code(gap) == (scenario, method, code):
+            if _of_code(gap) == (scenario, method, code) and _has_figure(run, gap):
                 return gap
     return None
+
+
+def _has_figure(run: Run, gap: Gap) -> bool:
+    """True if the method of a `gap` has its figure of the open set in `run`, too."""
+    cell = run.cell(gap.scenario, gap.method)
+    spec = METHOD_RUNS.metrics[gap.figure]
+    if len(cell) != gap.n or spec.name not in cell:
+        return False
+    value = once(lambda counts: aggregate(cell, [spec], counts)[:, 0], len(cell))
+    # Records have rounded figures of samples.
+    return bool(np.isclose(float(value), gap.open, rtol=1e-4, atol=1e-6))

@@ -154,9 +154,10 @@ def _rim_points(sensor: Sensor, size: float) -> tuple[Array, NDArray[np.bool_]]:
     order = np.argsort(keys, kind="stable")
     keys, is_end = keys[order], is_end[order]
     # Points that coincide are one, also the last and the first, which lie on either side of s = 0.
-    distinct = np.concatenate([[True], np.diff(keys) > 1e-9 * perimeter])
+    nearest = 1e-9 * perimeter
+    distinct = np.concatenate([[True], np.diff(keys) > nearest])
     point = np.cumsum(distinct) - 1
-    if keys[0] + perimeter - keys[-1] <= 1e-9 * perimeter:
+    if keys[0] + perimeter - keys[-1] <= nearest:
         point[point == point[-1]] = 0
     keys, is_end = keys[distinct][: point.max() + 1], np.bincount(point, is_end) > 0
     arcs, flags = [], []

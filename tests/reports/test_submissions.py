@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.run import prior_knowledge
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.benchmark.submissions import run_checks
@@ -382,11 +382,13 @@ def test_a_method_that_learns_from_test_frames_is_found_frame_by_frame(tmp_path:
     assert "an image depends on other frames" in adapting.problem
 
 
-def record_of(path: Path, code: str | None) -> HiddenRecord:
-    data = {"n": (read_run(path).manifest["data"]["n"]["hash"], "1" * 64)}
+def record_of(run: Run, code: str | None) -> HiddenRecord:
+    """A fall by 1 from the figure that the open run has."""
+    data = {"n": (run.manifest["data"]["n"]["hash"], "1" * 64)}
+    here = float(run.cell("n", "gentle")["score"].mean())
     gap = Gap(
-        scenario="n", method="gentle", code=code, figure="score", n=12, clusters=4, open=5.0,
-        hidden=4.0, difference=-1.0, low=-1.5, high=-0.5, p=0.001, falls=True,
+        scenario="n", method="gentle", code=code, figure="score", n=12, clusters=4, open=here,
+        hidden=here - 1, difference=-1.0, low=-1.5, high=-0.5, p=0.001, falls=True,
     )  # fmt: skip
     return HiddenRecord(
         suite="mine", key="2" * 64, made="2026-01-01", eitbench="0.2.0", git_commit=None, data=data,
@@ -405,18 +407,19 @@ def test_a_submission_rises_from_tier_to_tier(folder: Path) -> None:
     assert "reproduced on 12 of 12 samples" in told
 
     board = folder.parents[2]
-    other = record_of(folder, "0" * 64)  # of other code
+    other = record_of(found, "0" * 64)  # of other code
     write_hidden(other, board)
     assert tier(found, "n", "gentle").tier == "reproduced"
     (board / "hidden" / "mine-1.json").unlink()
     (plugin,) = found.manifest["plan"]["plugins"]
-    write_hidden(record_of(folder, plugin["sha256"]), board)
+    write_hidden(record_of(found, plugin["sha256"]), board)
     standing = tier(found, "n", "gentle")
     assert standing.tier == "hidden"
     assert standing.gap is not None
     assert standing.reproduced_on == "12 of 12 samples"
     (told,) = [note for note in notes(ranked_rows([folder])) if "tier" in note]
-    assert "hidden, S 4.000 there and 5.000 here, difference -1.000 (-1.500 to -0.500)" in told
+    here, there = standing.gap.open, standing.gap.hidden
+    assert f"hidden, S {there:.3f} there and {here:.3f} here, difference -1.000 (-1.500" in told
     assert "more than chance" in told
     (folder.parent / "reproduced.json").unlink()
     assert tier(found, "n", "gentle").tier == "self-reported"  # its open images are still unknown

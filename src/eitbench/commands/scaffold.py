@@ -66,4 +66,4 @@ def _check_name(name: str) -> None:
         )
     for registry in REGISTRIES:
         if name in registry.known():
-            raise InputError(f"There is a {registry.kind} {name!r} already: choose another name.")
+            raise InputError(f"The name {name!r} is taken ({registry.kind}): choose another.")

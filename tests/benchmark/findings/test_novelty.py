@@ -126,6 +126,7 @@ def test_sessions_of_one_unit_are_drawn_together() -> None:
     scores = np.concatenate([unit, unit + 0.5]) + 0.01 * rng.standard_normal(240)
     rows = pd.DataFrame({
         "scenario": np.repeat(["known", "novel"], 120), "status": "ok", "residual": scores,
+        "phantom": [f"known test {k}" for _ in range(2) for k in range(120)],
         "cluster": [f"{of} test session {k // 3}" for of in ("known", "novel") for k in range(120)],
     })  # fmt: skip
     together = _told(NOVEL, KNOWN, "m", "residual", rows, with_intervals=True).figures["auroc"]
@@ -133,6 +134,10 @@ def test_sessions_of_one_unit_are_drawn_together() -> None:
     alone = _told(NOVEL, KNOWN, "m", "residual", apart, with_intervals=True).figures["auroc"]
     assert together.value == alone.value
     assert together.high - together.low < 0.3 * (alone.high - alone.low)
+    # Without sessions the touches of both are the clusters, named after the first scenario.
+    touches = rows.assign(cluster=rows["phantom"])
+    shared = _told(NOVEL, KNOWN, "m", "residual", touches, with_intervals=True).figures["auroc"]
+    assert shared.high - shared.low < 0.3 * (alone.high - alone.low)
 
 
 def test_a_score_that_is_not_finite_costs_the_frame(run: Run) -> None:

@@ -289,6 +289,9 @@ def test_a_record_is_kept_once_and_found_for_the_same_code_alone(
     edited = replace(runs[0], manifest=runs[0].manifest | {"plan": plan})
     assert gap_of([record], edited, "n", "memory") is None
     assert gap_of([record], runs[1], "n", "memory") is None  # of other data
+    score = runs[0].samples["score"]
+    tuned = replace(runs[0], samples=runs[0].samples.assign(score=score + 0.01))
+    assert gap_of([record], tuned, "n", "memory") is None  # of other parameters or weights
     with pytest.raises(InputError, match="figures are never edited"):
         write_hidden(record, tmp_path)
     later = record.gaps[0].model_copy(update={"method": "later"})

@@ -31,6 +31,18 @@ def test_skins_count_alike() -> None:
     assert p90[2] == 10.0
 
 
+@pytest.mark.parametrize("skins", [6, 13])
+def test_the_interval_of_a_median_holds_it_as_often_as_it_says(skins: int) -> None:
+    """Of 400 draws of skins whose true median is 10 mm; of five skins no interval holds 95 %."""
+    rng = np.random.default_rng(0)
+    held = []
+    for _ in range(400):
+        medians = 10 * np.exp(0.4 * rng.standard_normal(skins))
+        curve = over_skins(errors("ridge", 100, medians.tolist())).iloc[0]
+        held.append(curve["low_mm"] <= 10 <= curve["high_mm"])
+    assert 0.93 <= np.mean(held) <= 0.99
+
+
 def test_the_table_has_what_was_run() -> None:
     heads, *rows = grid(over_skins(MANY))
     assert heads == ["method", "0 labelled [mm]", "100 labelled [mm]"]

@@ -33,6 +33,11 @@ def untouched(n: int = N, noise: float = 1e-4) -> Array:
     return np.asarray(uneven + noise * draws.normal(size=(n, len(clean))) * np.std(clean))
 
 
+def append_untouched(recorder: Recorder, n: int) -> None:
+    for k, values in enumerate(untouched(n)):
+        recorder.append(Frame(k, k, k, values))
+
+
 def record(
     path: Path, values: Array, *, number: Array | None = None, time_s: Array | None = None
 ) -> Path:
@@ -151,8 +156,7 @@ def test_what_was_recorded_wrongly_is_told(
 
 def test_a_recording_that_is_no_set_is_sound_and_says_what_it_needs(tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.h5", sensor("foam16"), "fake") as recorder:
-        for k, values in enumerate(untouched(5)):
-            recorder.append(Frame(k, k, k, values))
+        append_untouched(recorder, 5)
     problems, facts = check(tmp_path / "a.h5")
     assert problems == []
     assert all(part in facts[1] for part in ("reference frames", "touches", "--guided"))
@@ -166,8 +170,7 @@ def test_a_recording_without_frames_is_told(tmp_path: Path) -> None:
 
 def test_labels_off_the_sensor_are_told(tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.h5", sensor("foam16"), "fake") as recorder:
-        for k, values in enumerate(untouched(2)):
-            recorder.append(Frame(k, k, k, values))
+        append_untouched(recorder, 2)
         recorder.mark_reference(0, 0)
         recorder.label(1, 1, x_m=0.05, y_m=0.2)
     problems, _ = check(tmp_path / "a.h5")
@@ -179,8 +182,7 @@ def test_labels_off_the_sensor_are_told(tmp_path: Path) -> None:
 def test_touches_on_frames_of_the_untouched_sensor_are_told(tmp_path: Path) -> None:
     """The usual slip: numbers of frames are counted from 0, and somebody counted from 1."""
     with Recorder(tmp_path / "a.h5", sensor("foam16"), "fake") as recorder:
-        for k, values in enumerate(untouched(4)):
-            recorder.append(Frame(k, k, k, values))
+        append_untouched(recorder, 4)
         recorder.mark_reference(0, 1)
         recorder.label(1, 2, x_m=0.05, y_m=0.05)
         recorder.label(3, 3, x_m=0.03, y_m=0.05)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eitbench.benchmark.metrics.image_metrics import psnr
 from eitbench.scenarios import InputError, sensor
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.sensors.outlines import Disc, Polygon
@@ -198,3 +199,21 @@ def test_names_of_sensors_do_not_matter_for_equality(tmp_path: Path) -> None:
     made = sensor(str(write(tmp_path)))
     assert replace(made, name="other") == made
     assert np.array_equal(made.mask, replace(made, name="other").mask)
+
+
+@pytest.mark.parametrize("background", [1e-3, 1.0, 50.0])
+def test_the_data_range_is_the_background_unless_it_is_given(
+    tmp_path: Path, background: float
+) -> None:
+    """So that a touch of half the background has the same PSNR on every skin."""
+    skin = sensor(str(write(tmp_path, f"background = {background}\n{GOOD}")))
+    assert skin.data_range == background
+    untouched = np.full((1, *skin.image_shape), background)
+    touched = untouched.copy()
+    touched[0, 10:20, 10:20] /= 2
+    found = float(psnr(touched, untouched, skin.data_range, skin.mask)[0])
+    share = 100 / np.count_nonzero(skin.mask)
+    assert found == pytest.approx(-10 * np.log10(share / 4))
+    assert sensor_from_json(sensor_to_json(skin)).data_range == background
+    given = sensor(str(write(tmp_path, f"data_range = 0.5\n{GOOD}")))
+    assert given.data_range == 0.5
