@@ -121,7 +121,7 @@ def test_names_that_cannot_be_packages_are_refused(name: str, tmp_path: Path) ->
 
 
 def test_a_taken_name_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="The name 'noser' is taken \(method\)"):
+    with pytest.raises(InputError, match=r"The name 'noser' is taken \(method\)"):
         new_method("noser", tmp_path / "package")
 
 
