@@ -18,6 +18,7 @@ from eitbench.methods.method import Method
 from eitbench.methods.operator import Operator
 from eitbench.methods.place_method import PlaceMethod
 from eitbench.scenarios.errors import InputError, unknown_name
+from eitbench.scenarios.extras import missing
 
 if TYPE_CHECKING:
     from eitbench.scenarios.sensors.sensor import Sensor
@@ -55,13 +56,22 @@ class Registry(Generic[Base]):
         base: the class that members are made from.
         group: the group of entry points that installed packages offer members in.
         built_in: the modules of eitbench that register members when they are imported.
+        needs: the library, of an extra, that these modules need; "" for none.
     """
 
-    def __init__(self, kind: str, base: type[Base], group: str, built_in: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        kind: str,
+        base: type[Base],
+        group: str,
+        built_in: tuple[str, ...],
+        needs: str = "",
+    ) -> None:
         self.kind = kind
         self.base: type[Base] = base
         self.group = group
         self.built_in = built_in
+        self.needs = needs
         self._registered: dict[str, type[Base]] = {}
 
     def register(self, name: str) -> Callable[[AnyClass], AnyClass]:
@@ -84,7 +94,7 @@ class Registry(Generic[Base]):
                     f"{self.base.__name__}."
                 )
             if not cls.__module__.startswith("eitbench.methods."):
-                for registry in REGISTRIES:
+                for registry in registries():
                     registry.import_built_in()  # their names are taken before a plugin's
             # Runs and boards know a name alone: it is of one thing, of whatever kind.
             for registry in REGISTRIES:
@@ -185,6 +195,7 @@ OPERATOR_REGISTRY = Registry(
     Operator,  # type: ignore[type-abstract]
     "eitbench.operators",
     ("operators.jacobian", "operators.surrogate", "operators.fem"),
+    needs="torch",
 )
 
 PLACE_REGISTRY = Registry(
@@ -195,6 +206,12 @@ PLACE_REGISTRY = Registry(
 )
 
 REGISTRIES: tuple[Registry[Any], ...] = (METHOD_REGISTRY, OPERATOR_REGISTRY, PLACE_REGISTRY)
+
+
+def registries() -> list[Registry[Any]]:
+    """Those whose built-in members can be imported with the libraries that are installed."""
+    return [each for each in REGISTRIES if not (each.needs and missing(each.needs))]
+
 
 register = METHOD_REGISTRY.register
 methods = METHOD_REGISTRY.known

@@ -1,6 +1,7 @@
 """A base installation: classical methods and metrics, and a sentence where an extra is missing."""
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -96,6 +97,23 @@ def test_classical_methods_are_run_and_the_others_left_out_with_the_reason(base:
 def test_what_there_is_is_listed(base: Path, what: str) -> None:
     result = eitbench(base, "list", what)
     assert result.returncode == 0, result.stderr
+
+
+def test_an_installed_plugin_and_a_new_one_need_no_extra(base: Path) -> None:
+    """Nobody else's name is theirs, which is asked of the operators, too, where PyTorch is."""
+    example = Path(__file__).parents[2] / "examples" / "eitbench-landweber"
+    shutil.copy(example / "eitbench_landweber.py", base / "site")
+    offered = base / "site" / "eitbench_landweber-0.1.0.dist-info"
+    offered.mkdir()
+    (offered / "METADATA").write_text("Metadata-Version: 2.1\nName: landweber\nVersion: 0.1.0\n")
+    entry = "[eitbench.methods]\nlandweber = eitbench_landweber:Landweber\n"
+    (offered / "entry_points.txt").write_text(entry)
+    result = eitbench(base, "list", "methods")
+    assert result.returncode == 0
+    assert "landweber" in result.stdout
+    assert not result.stderr
+    assert eitbench(base, "new-method", "my-method").returncode == 0
+    assert "is taken (method)" in eitbench(base, "new-method", "noser").stderr
 
 
 @pytest.mark.slow

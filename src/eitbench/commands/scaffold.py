@@ -6,7 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from eitbench.methods.registry import REGISTRIES
+from eitbench.methods.registry import registries
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.storage.files import writing
 
@@ -64,6 +64,6 @@ def _check_name(name: str) -> None:
             f"{name!r} cannot name a new method: use small letters, digits and hyphens, beginning "
             f"with a letter, at most {MAX_NAME} characters, as in 'my-method'."
         )
-    for registry in REGISTRIES:
+    for registry in registries():
         if name in registry.known():
             raise InputError(f"The name {name!r} is taken ({registry.kind}): choose another.")
