@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 from scipy.stats import kendalltau
 
-from eitbench.benchmark.metrics.image_metrics import WINDOW, cc, psnr, rie, ssim
+from eitbench.benchmark.metrics.image_metrics import WINDOW, cc, psnr, rie, ssim, windows_inside
 from eitbench.benchmark.metrics.specs import score
 
 if TYPE_CHECKING:
@@ -100,7 +100,11 @@ def sensitivity(
             stored[~np.isfinite(stored[:, scene.mask]).all(axis=1)] = scene.background
             images[label] = stored
     alike: Alike = {}
-    variants = [variant for variant in METRIC_VARIANTS if _fits(variant, scene.mask)]
+    variants = [
+        variant
+        for variant in METRIC_VARIANTS
+        if windows_inside(_inner(variant, scene.mask), variant.window).any()
+    ]
     means = [_means(variant, scene, images, alike) for variant in variants]
     return [
         Sensitivity(
@@ -117,14 +121,6 @@ def _inner(variant: MetricVariant, mask: NDArray[np.bool_]) -> NDArray[np.bool_]
         return mask
     square = np.ones((3, 3), dtype=bool)
     return np.asarray(binary_erosion(mask, square, iterations=margin, border_value=0))
-
-
-def _fits(variant: MetricVariant, mask: NDArray[np.bool_]) -> bool:
-    """True if there is room for SSIM's window among the pixels that are not left out."""
-    if min(mask.shape) < variant.window:
-        return False
-    square = np.ones((variant.window, variant.window), dtype=bool)
-    return bool(binary_erosion(_inner(variant, mask), square, border_value=0).any())
 
 
 Alike = dict[tuple[str, float], dict[str, NDArray[np.float64]]]

@@ -26,6 +26,14 @@ PSNR_CEILING_DB = float(-20 * np.log10(np.finfo(np.float32).eps))
 _BLOCK = 10  # images, small enough for the processor's cache
 
 
+def windows_inside(mask: Mask, window: int) -> Mask:
+    """The windows of SSIM that lie wholly in `mask` (H, W), by their first rows and columns."""
+    if min(mask.shape) < window:
+        return np.zeros((0, 0), dtype=bool)
+    windows = np.lib.stride_tricks.sliding_window_view(mask, (window, window))
+    return np.asarray(windows.all((-2, -1)))
+
+
 def ssim(
     truth: ArrayLike,
     estimate: ArrayLike,
@@ -53,15 +61,14 @@ def ssim(
     """
     t, p, inside = _checked(truth, estimate, mask, data_range)
     n, height, width = t.shape
-    weights = np.zeros((height, width))
-    if min(height, width) >= window:
-        windows = np.lib.stride_tricks.sliding_window_view(inside, (window, window)).all((-2, -1))
-        weights[: windows.shape[0], : windows.shape[1]] = windows / max(windows.sum(), 1)
-    if not weights.any():
+    windows = windows_inside(inside, window)
+    if not windows.any():
         raise InputError(
             f"SSIM needs {window} x {window} pixels inside the sensor; this image of "
             f"{height} x {width} pixels has no such place: use a finer image grid."
         )
+    weights = np.zeros((height, width))
+    weights[: windows.shape[0], : windows.shape[1]] = windows / windows.sum()
     values = np.empty(n)
     # BLAS rounds the last rows of a block otherwise: these are the blocks, and the last bits, of
     # records that were made on as many cores.

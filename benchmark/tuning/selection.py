@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES
 from eitbench.methods.registry import methods
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import content_hash
@@ -18,13 +19,18 @@ from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, Simul
 _log = logging.getLogger(__name__)
 
 PACKAGED = Path(__file__).parent / "selected"
+FRAMES = 36
+"""Validation samples of simulated scenarios that a set of parameters is scored on."""
+P_WORSE = 0.02
+"""A trial is given up where Wilcoxon's signed-rank test of its frames against those of the best
+trial has a smaller p-value."""
 RULE = (
     "Coordinate search over the values that a method declares in `search`, from its defaults, then "
     "seeded TPE for what is left of the budget of trials and seconds, which is the same for every "
-    "method; each trial scored on the first 36 validation samples (100 of a recorded set) with the "
-    "noise of the test split, by the figure the scenario is ranked by, and given up where the "
-    "samples so far say by Wilcoxon's test (p < 0.02) that it is worse than the best. The test "
-    "split is never loaded."
+    f"method; each trial scored on the first {FRAMES} validation samples ({REGISTRATION_FRAMES} of "
+    "a recorded set) with the noise of the test split, by the figure the scenario is ranked by, "
+    f"and given up where the samples so far say by Wilcoxon's test (p < {P_WORSE}) that it is "
+    "worse than the best. The test split is never loaded."
 )
 
 EndedBy = Literal["trials", "seconds", "space"]

@@ -19,7 +19,7 @@ from pydantic import TypeAdapter
 
 from eitbench.benchmark.metrics import ktc
 from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES, evaluate, fit_registration
-from eitbench.benchmark.tuning.selection import Trial, validation_scenario
+from eitbench.benchmark.tuning.selection import FRAMES, Trial, validation_scenario
 from eitbench.benchmark.workers.messages import Failure, Reply, WorkerLostError, array_in, parsed
 from eitbench.benchmark.workers.method_service import MethodService, learning_splits
 from eitbench.benchmark.workers.restarting import RestartingWorker, SetUpFailedError
@@ -34,7 +34,6 @@ if TYPE_CHECKING:  # the worker does without
     import optuna
 
 
-FRAMES = 36
 PARTS = 3
 """A trial is scored on the first third of its frames, on two thirds, on all."""
 SET_UP_LIMIT_S = 60.0

@@ -22,6 +22,8 @@ from optuna.trial import TrialState
 from eitbench.benchmark.rundir.lock import locked
 from eitbench.benchmark.rundir.plan import Plan
 from eitbench.benchmark.tuning.selection import (
+    FRAMES,
+    P_WORSE,
     EndedBy,
     Selection,
     Trial,
@@ -36,7 +38,7 @@ from eitbench.benchmark.tuning.sweep import (
     SweepSampler,
     ended,
 )
-from eitbench.benchmark.tuning.trials import FRAMES, PARTS, Validation, ranked_by, run_trial
+from eitbench.benchmark.tuning.trials import PARTS, Validation, ranked_by, run_trial
 from eitbench.benchmark.workers.worker import StoppedError
 from eitbench.methods.registry import methods
 from eitbench.scenarios.data.datasets import load
@@ -48,9 +50,6 @@ from eitbench.scenarios.suites.suite import Suite
 
 _log = logging.getLogger(__name__)
 
-P_WORSE = 0.02
-"""A trial is given up where Wilcoxon's signed-rank test of its frames against those of the best
-trial has a smaller p-value."""
 JOURNALS = "journals"
 
 

@@ -1,4 +1,4 @@
-"""Published claims, their verdicts, and the findings of their evaluation."""
+"""Published claims, their verdicts, and the judgements of their evaluation."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -90,7 +90,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Judgement:
     """The verdict on a claim, with its reasons.
 
     Attributes:
@@ -127,9 +127,9 @@ class Claim:
     published: tuple[Figure, ...]
     tolerance: str
     command: str
-    evaluate: Callable[[Evidence], Finding] = field(repr=False)
+    evaluate: Callable[[Evidence], Judgement] = field(repr=False)
 
-    def finding(self, evidence: Evidence) -> Finding:
+    def judgement(self, evidence: Evidence) -> Judgement:
         """Return the verdict: not testable, with the reason, where something was not measured.
 
         Raises:
@@ -138,4 +138,4 @@ class Claim:
         try:
             return self.evaluate(evidence)
         except NotMeasuredError as missing:
-            return Finding(Verdict.untestable, self.published, str(missing))
+            return Judgement(Verdict.untestable, self.published, str(missing))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class LedgerEntry(TypedDict):
-    """A claim (see `Claim`) and what the runs say of it (see `Finding`)."""
+    """A claim (see `Claim`) and what the runs say of it (see `Judgement`)."""
 
     id: str
     source: str
@@ -82,8 +82,8 @@ def claim_ledger(
     others = [path for path in studies if path not in readings]
     summaries = {summary["study"]: summary for summary in map(read_study, others)}
     evidence = Evidence(read, summaries, curves)
-    findings = [(claim, claim.finding(evidence)) for claim in CLAIMS]
-    counted = Counter(finding.verdict for _, finding in findings)
+    judgements = [(claim, claim.judgement(evidence)) for claim in CLAIMS]
+    counted = Counter(judgement.verdict for _, judgement in judgements)
     return Ledger(
         paper=PAPER,
         written=manifest.now(),
@@ -93,15 +93,15 @@ def claim_ledger(
                 id=claim.name,
                 source=claim.source,
                 claim=claim.says,
-                verdict=finding.verdict.value,
-                why=finding.why,
-                figures=[asdict(figure) for figure in finding.figures],
-                n=finding.n,
-                conditions=finding.conditions,
+                verdict=judgement.verdict.value,
+                why=judgement.why,
+                figures=[asdict(figure) for figure in judgement.figures],
+                n=judgement.n,
+                conditions=judgement.conditions,
                 tolerance=claim.tolerance,
                 command=claim.command,
             )
-            for claim, finding in findings
+            for claim, judgement in judgements
         ],
         studies=[summaries[name] for name in sorted(summaries)],
         readings=read_rows(readings[-1]) if readings else [],

@@ -21,7 +21,7 @@ from eitbench.benchmark.rundir.kinds import METHOD_RUNS, OPERATOR_RUNS
 from eitbench.reports.claims.claim import (
     LEAST_SAMPLES,
     Figure,
-    Finding,
+    Judgement,
     Range,
     Verdict,
     around,
@@ -129,13 +129,13 @@ def _exactly(figure: Figure, value: float, met: Range) -> Figure:
     )
 
 
-def _finding(
+def _judged(
     figures: Sequence[Figure], why: str, measured: Measured | None = None, conditions: str = ""
-) -> Finding:
+) -> Judgement:
     n = None if measured is None else len(measured.samples)
     if n is not None and n < LEAST_SAMPLES:
         why += f" {n} samples are too few to decide: at least {LEAST_SAMPLES} are needed."
-    return Finding(
+    return Judgement(
         together([figure.verdict for figure in figures if figure.verdict is not None]),
         tuple(figures),
         why,
@@ -153,7 +153,7 @@ def _counted(figures: Sequence[Figure]) -> str:
     )
 
 
-def operator_row(name: str, evidence: Evidence) -> Finding:
+def operator_row(name: str, evidence: Evidence) -> Judgement:
     """Test R of an operator; the unit of the published MSE is not stated."""
     measured = evidence.of(OPERATOR_RUNS, name)
     r, mse = operator_figures(name)
@@ -162,7 +162,7 @@ def operator_row(name: str, evidence: Evidence) -> Finding:
     met = around(TABLE_I[name]["r"], **R_TOLERANCE)
     r = _tested(r, interval, met, len(measured.samples))
     variances = " and ".join(f"{row['mse'] / (1 - row['r'] ** 2):.2f}" for row in TABLE_I.values())
-    return _finding(
+    return _judged(
         [r, replace(mse, ours=measured.row["mse"])],
         "R is taken over the responses to the touch of all samples at once. The published MSE is "
         "in a unit that is not stated and cannot be of voltages standardised to a variance of 1: "
@@ -172,22 +172,22 @@ def operator_row(name: str, evidence: Evidence) -> Finding:
     )
 
 
-def operator_order(evidence: Evidence) -> Finding:
+def operator_order(evidence: Evidence) -> Judgement:
     """Test if the surrogate's error is below the Jacobian's, sample by sample."""
     measured, differences = evidence.paired(OPERATOR_RUNS, "surrogate", "jacobian", ["mse"])
     (interval,) = _intervals(differences, measured.samples["cluster"])
     figure = _tested(ERROR_FIGURE, interval, better("min"), len(differences))
-    return _finding([figure], "The errors are compared on the same samples.", measured)
+    return _judged([figure], "The errors are compared on the same samples.", measured)
 
 
-def operator_ratio(evidence: Evidence) -> Finding:
+def operator_ratio(evidence: Evidence) -> Judgement:
     """Test the ratio of the errors of the Jacobian and the surrogate, on either side."""
     surrogate, jacobian = (evidence.of(OPERATOR_RUNS, name) for name in ("surrogate", "jacobian"))
     errors = np.stack([one.samples["mse"] for one in (jacobian, surrogate)], axis=1)
     (ratio,) = _intervals(errors, surrogate.samples["cluster"], _ratios)
     met = around(RATIO, **RATIO_TOLERANCE)
     figure = _tested(RATIO_FIGURE, ratio, met, len(errors))
-    return _finding(
+    return _judged(
         [figure],
         f"The Jacobian's error is {ratio.value:.3g} times the surrogate's; published were "
         f"{RATIO:.2g} times. A larger ratio confirms nothing: it also says that our Jacobian is "
@@ -201,7 +201,7 @@ def _ratios(counts: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray
     return np.asarray(first / second)[:, None]
 
 
-def table_row(method: str, evidence: Evidence) -> Finding:
+def table_row(method: str, evidence: Evidence) -> Judgement:
     """Test the row of a method in Table II.
 
     A learned method is to be as good as published or better; a classical one, whose row is worse
@@ -222,7 +222,7 @@ def table_row(method: str, evidence: Evidence) -> Finding:
             " Our images are scored as absolute maps. The table of readings of the published rows "
             "shows which simple mistakes would give which of its figures."
         )
-    return _finding(figures, why, measured)
+    return _judged(figures, why, measured)
 
 
 def _sides(
@@ -242,7 +242,7 @@ def better_than(
     *,
     scenarios: Sequence[str] = (SCENARIO,),
     metrics: Sequence[str] = IMAGE_METRICS,
-) -> Finding:
+) -> Judgement:
     """Test if the first method of each pair is better than the second, sample by sample."""
     figures: list[Figure] = []
     every: list[Measured] = []
@@ -255,7 +255,7 @@ def better_than(
             found = _intervals(differences, measured.samples["cluster"])
             figures += _sides(pair, found, len(differences), metrics)
             every.append(measured)
-    return _finding(
+    return _judged(
         figures,
         f"{_counted(figures)}. {_ONE_TRAINING}",
         min(every, key=lambda one: len(one.samples)),
@@ -263,7 +263,7 @@ def better_than(
     )
 
 
-def phydnn_over_dnn_with_seeds(evidence: Evidence) -> Finding:
+def phydnn_over_dnn_with_seeds(evidence: Evidence) -> Judgement:
     """Test PhyDNN minus DNN over seeds and samples, from the study `physics`."""
     study = evidence.study("physics")
     rows = {
@@ -281,16 +281,16 @@ def phydnn_over_dnn_with_seeds(evidence: Evidence) -> Finding:
         n,
     )
     seeds = len(rows["psnr"]["each_seed"])
-    finding = _finding(
+    judgement = _judged(
         figures,
         f"Over {seeds} trainings of each that differ in their seed only, {_counted(figures)}. What "
         "other data and the exact operator say is shown under Studies.",
         conditions=training_budget(study),
     )
-    return replace(finding, n=n)
+    return replace(judgement, n=n)
 
 
-def every_case(evidence: Evidence) -> Finding:
+def every_case(evidence: Evidence) -> Judgement:
     """Test the share of samples where PhyDNN is the best of four methods by all four metrics."""
     ahead: list[NDArray[np.bool_]] = []
     signs = [1 if best_of(name) == "max" else -1 for name in IMAGE_METRICS]
@@ -301,10 +301,10 @@ def every_case(evidence: Evidence) -> Finding:
     ends = binomtest(count, n).proportion_ci(LEVEL, method="wilson")
     interval = Interval(count / n, float(ends.low), float(ends.high))
     figure = _tested(CASES_FIGURE, interval, Range(low=NEARLY_ALL), n)
-    return _finding([figure], f"It is the best of the four in {count} of {n} samples.", measured)
+    return _judged([figure], f"It is the best of the four in {count} of {n} samples.", measured)
 
 
-def real_presses(evidence: Evidence) -> Finding:
+def real_presses(evidence: Evidence) -> Judgement:
     """Test PhyDNN minus DNN in the place of real presses."""
     return _median_difference(
         evidence,
@@ -316,7 +316,7 @@ def real_presses(evidence: Evidence) -> Finding:
     )
 
 
-def force(evidence: Evidence) -> Finding:
+def force(evidence: Evidence) -> Judgement:
     """Test PhyDNN minus DNN in the force of simulated soft presses."""
     return _median_difference(
         evidence,
@@ -330,7 +330,7 @@ def force(evidence: Evidence) -> Finding:
 
 def _median_difference(
     evidence: Evidence, figure: Figure, metric: str, scenario: str, why: str
-) -> Finding:
+) -> Judgement:
     """Test the median of PhyDNN minus DNN over the samples for which the metric is defined."""
     measured, differences = evidence.paired(METHOD_RUNS, "phydnn", "dnn", [metric], scenario)
     known = ~np.isnan(differences[:, 0])
@@ -342,11 +342,11 @@ def _median_difference(
     conditions = measured.conditions
     if len(samples) < len(known):
         conditions = f"{len(samples)} of {conditions}"
-    finding = _finding([tested], why, replace(measured, samples=samples), conditions)
-    return replace(finding, why=f"{finding.why} {_ONE_TRAINING}")
+    judgement = _judged([tested], why, replace(measured, samples=samples), conditions)
+    return replace(judgement, why=f"{judgement.why} {_ONE_TRAINING}")
 
 
-def loss_curves(columns: Sequence[str], evidence: Evidence) -> Finding:
+def loss_curves(columns: Sequence[str], evidence: Evidence) -> Judgement:
     """Test in how many epochs after the warm-up the losses of PhyDNN are below those of DNN."""
     curves = {name: curve.set_index("epoch") for name, curve in evidence.curves().items()}
     figures, told = [], []
@@ -355,7 +355,7 @@ def loss_curves(columns: Sequence[str], evidence: Evidence) -> Finding:
         lower = float((both < 0).mean())
         figures.append(replace(figure, ours=lower, verdict=_of_share(lower)))
         told.append(f"{int((both < 0).sum())} of {len(both)} epochs ({column.replace('_', ' ')})")
-    return _finding(
+    return _judged(
         figures,
         f"It is lower in {' and '.join(told)} after the warm-up. One training of each.",
         conditions="the learning curves of the weights in use",
@@ -377,7 +377,7 @@ def _of_share(share: float) -> Verdict:
     return Verdict.in_part if share > 1 / 2 else Verdict.fails
 
 
-def exact_gradient(evidence: Evidence) -> Finding:
+def exact_gradient(evidence: Evidence) -> Judgement:
     """Test if the gradient of the exact model costs so much more than the surrogate's."""
     exact, learned = (evidence.of(OPERATOR_RUNS, name) for name in ("fem", "surrogate"))
     if exact.row["grad_ms"] is None or learned.row["grad_ms"] is None:
@@ -385,7 +385,7 @@ def exact_gradient(evidence: Evidence) -> Finding:
     ratio = exact.row["grad_ms"] / learned.row["grad_ms"]
     figure = _exactly(COST_FIGURE, ratio, Range(low=PROHIBITIVE))
     error = OPERATOR_METRICS["grad_cosine"].heading.lower()
-    return _finding(
+    return _judged(
         [figure],
         f"The exact model is differentiable here, at {ratio:.2g} times the surrogate's time "
         f"({exact.row['grad_ms']:.2g} against {learned.row['grad_ms']:.2g} ms); the surrogate's "
@@ -394,7 +394,7 @@ def exact_gradient(evidence: Evidence) -> Finding:
     )
 
 
-def frame_rate(evidence: Evidence) -> Finding:
+def frame_rate(evidence: Evidence) -> Judgement:
     """Test the rate of single frames, at their 99th percentile."""
     both = [evidence.of(METHOD_RUNS, name) for name in ("dnn", "phydnn")]
     if any(measured.row["frame_ms_p99"] is None for measured in both):
@@ -410,14 +410,14 @@ def frame_rate(evidence: Evidence) -> Finding:
     times = " and ".join(
         f"{ms:.3g} ms ({name})" for name, ms in zip(("DNN", "PhyDNN"), slowest, strict=True)
     )
-    return _finding(
+    return _judged(
         figures,
         f"99 % of warm single frames take at most {times}; the board's own time is not in them.",
         conditions=f"one thread of {both[0].machine}",
     )
 
 
-def unsupervised_rate(evidence: Evidence) -> Finding:
+def unsupervised_rate(evidence: Evidence) -> Judgement:
     """Test if schemes that learn from voltages alone are too slow for the sensor's frame rate."""
     # The suite `objects` gives a method a minute for a frame; others stop `dip` on slow machines.
     both = [evidence.of(METHOD_RUNS, name, "objects") for name in ("dip", "phydnn")]
@@ -425,7 +425,7 @@ def unsupervised_rate(evidence: Evidence) -> Finding:
         raise NotMeasuredError("No warm single frame was timed.")
     rates = [1e3 / measured.row["frame_ms_p50"] for measured in both]
     slower = Range(high=FRAMES_PER_SECOND)
-    return _finding(
+    return _judged(
         [_exactly(fig, rate, slower) for fig, rate in zip(UNSUPERVISED, rates, strict=True)],
         f"`dip` minimises the published loss with alpha = 0 for every frame, through the exact "
         f"model: {rates[0]:.2g} frames per second. A network that is trained with alpha = 0 is "
@@ -434,7 +434,7 @@ def unsupervised_rate(evidence: Evidence) -> Finding:
     )
 
 
-def best_beta(evidence: Evidence) -> Finding:
+def best_beta(evidence: Evidence) -> Judgement:
     """Say what the study `beta` found; smaller studies than the published one test nothing."""
     study = evidence.study("beta")
     rows = sorted((r for r in study["rows"] if "score" in r), key=lambda row: row["beta"])
@@ -447,7 +447,7 @@ def best_beta(evidence: Evidence) -> Finding:
         lacking.append(f"{study['epochs']} epochs")
     if np.abs(np.log(betas / BETA_OF_MEANS)).min() > 0.01:
         lacking.append(f"no value within 1 % of {BETA_OF_MEANS:.2g}")
-    return Finding(
+    return Judgement(
         Verdict.untestable,
         (replace(BETA_FIGURE, ours=float(betas[best])),),
         "The published loss sums squares over 6,400 pixels and 208 measurements, ours takes means: "

@@ -293,12 +293,12 @@ def _claims(runs: Sequence[Run], missing: list[str]) -> list[dict[str, str]]:
     verdicts = []
     for claim in CLAIMS:
         try:
-            finding = claim.finding(evidence)
+            judgement = claim.judgement(evidence)
         except InputError as error:  # several runs hold the same method
             missing.append(f"Claim {claim.name}: {error}")
             continue
-        if finding.verdict != Verdict.untestable:
-            says = {"claim": claim.says, "verdict": finding.verdict.value, "why": finding.why}
+        if judgement.verdict != Verdict.untestable:
+            says = {"claim": claim.says, "verdict": judgement.verdict.value, "why": judgement.why}
             verdicts.append(says)
     return verdicts
 

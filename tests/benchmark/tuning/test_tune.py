@@ -16,9 +16,9 @@ import pytest
 
 from eitbench.benchmark.rundir.plan import make_plan
 from eitbench.benchmark.tuning import tuner as tuning
-from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
+from eitbench.benchmark.tuning.selection import FRAMES, Selection, Trial, TuningBudget
 from eitbench.benchmark.tuning.sweep import SearchSpace
-from eitbench.benchmark.tuning.trials import FRAMES, Validation, frame_figures
+from eitbench.benchmark.tuning.trials import Validation, frame_figures
 from eitbench.benchmark.tuning.tuner import TuningTask, select, tune
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_frames, phantom

@@ -9,7 +9,7 @@ import pytest
 from tests.support.made_runs import made
 
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.reports.claims.claim import Finding
+from eitbench.reports.claims.claim import Judgement
 from eitbench.reports.claims.evidence import Evidence
 from eitbench.reports.claims.published_claims import CLAIMS
 from eitbench.scenarios.data.datasets import Dataset
@@ -17,13 +17,13 @@ from eitbench.scenarios.data.datasets import Dataset
 N = 120
 """As many samples as decide something."""
 NAMES = [claim.name for claim in CLAIMS]
-Findings = Callable[..., dict[str, Finding]]
+Judgements = Callable[..., dict[str, Judgement]]
 
 
-def findings(*runs: Path) -> dict[str, Finding]:
+def findings(*runs: Path) -> dict[str, Judgement]:
     """The finding on every claim, by its name."""
     evidence = Evidence([read_run(run) for run in runs])
-    return {claim.name: claim.finding(evidence) for claim in CLAIMS}
+    return {claim.name: claim.judgement(evidence) for claim in CLAIMS}
 
 
 @pytest.fixture(scope="module")

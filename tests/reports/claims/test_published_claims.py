@@ -20,7 +20,7 @@ def test_every_claim_says_what_it_is() -> None:
 
 def test_without_runs_nothing_is_testable_and_the_published_figures_stand() -> None:
     for claim in CLAIMS:
-        found = claim.finding(Evidence([]))
+        found = claim.judgement(Evidence([]))
         assert found.verdict is Verdict.untestable
         assert found.figures == claim.published
         assert all(figure.ours is None and figure.verdict is None for figure in found.figures)

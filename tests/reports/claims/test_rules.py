@@ -33,7 +33,7 @@ def test_a_small_study_finds_no_best_beta_and_says_why() -> None:
     rows = [{"beta": 1e-3, "score": 7.0, "n": 500}, {"beta": 0.01, "score": 7.1, "n": 500}]
     lost = {"beta": 0.5}  # a training that diverged
     evidence = Evidence([], {"beta": study("beta", [*rows, lost])})
-    found = CLAIMS[NAMES.index("best-beta")].finding(evidence)
+    found = CLAIMS[NAMES.index("best-beta")].judgement(evidence)
     assert (found.verdict, found.figures[0].ours) == (Verdict.untestable, 0.01)
     for reason in ("one seed", "4000 training samples", "12 epochs", "9.4e-05 in our units"):
         assert reason in found.why
@@ -59,7 +59,7 @@ def test_phydnn_over_dnn_with_seeds(sides: tuple[int, ...], verdict: Verdict) ->
                  "low": value - 0.05, "high": value + 0.05, "each_seed": [value] * 3, "n": 500}
             )  # fmt: skip
     evidence = Evidence([], {"physics": study("physics", rows)})
-    found = CLAIMS[NAMES.index("phydnn-over-dnn-seeds")].finding(evidence)
+    found = CLAIMS[NAMES.index("phydnn-over-dnn-seeds")].judgement(evidence)
     assert (found.verdict, found.n) == (verdict, 500)
     assert "3 trainings" in found.why
 
@@ -193,7 +193,7 @@ def test_the_learning_curves(lower: int, verdict: str) -> None:
     dnn = pd.DataFrame({"epoch": epochs, "train_physical": 1.0, "validation_physical": 1.0})
     below = np.where(epochs > 100 - lower, 0.9, 1.1)
     phydnn = dnn.assign(train_physical=below, validation_physical=below)
-    found = CLAIMS[NAMES.index("physical-loss")].finding(
+    found = CLAIMS[NAMES.index("physical-loss")].judgement(
         Evidence([], curves={"dnn": dnn, "phydnn": phydnn})
     )
     assert found.verdict == verdict
