@@ -7,7 +7,7 @@ from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
-from eitbench.reports.figures.style import COLOURS, PAGE, new_figure, plain_label
+from eitbench.reports.figures.style import COLOURS, PAGE, marker, new_figure, plain_label
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,6 +21,8 @@ _COLUMNS = (
 )
 """Clock, range of time [frames], range of strength [%], title and label of each column."""
 _STEPS = 300
+_APART = 6
+"""Steps from a marker of one method to the next method's: no two cover each other."""
 
 
 def latency_figure(images: pd.DataFrame, frame_s: float) -> Figure:
@@ -50,7 +52,10 @@ def latency_figure(images: pd.DataFrame, frame_s: float) -> Figure:
                 low, middle, high = _quartiles(real)
                 colour = COLOURS[k % len(COLOURS)]
                 place.fill_between(grid, low, high, color=colour, alpha=0.18, lw=0)
-                place.plot(grid, middle, color=colour, lw=1.2, label=plain_label(method))
+                place.plot(
+                    grid, middle, color=colour, lw=1.2, label=plain_label(method),
+                    marker=marker(k), ms=3, markevery=(_APART * k, _APART * len(methods)),
+                )  # fmt: skip
                 place.plot(grid, _quartiles(ideal)[1], color=colour, lw=0.9, ls=":")
             place.axhline(0, color="0.7", lw=0.5, zorder=0)
             if frames[0] < 0:

@@ -18,7 +18,7 @@ import json
 import sys
 from pathlib import Path
 
-import matplotlib.pyplot as plt
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import torch
@@ -32,6 +32,7 @@ from eitbench.methods.method import reconstructed
 from eitbench.methods.problem import no_split
 from eitbench.methods.training import TrainingRequest, train
 from eitbench.methods.weights.weight_files import packaged_weights
+from eitbench.reports.figures.style import NOTE, PAGE, STYLE, line_style, new_figure, save
 from eitbench.scenarios.arrays import Array
 
 SEEN, PUBLISHED, TESTED = 192_000, 24_000, 600
@@ -92,30 +93,38 @@ def curve(name: str) -> tuple[Array, Array]:
 
 def draw_figure(table: pd.DataFrame, path: Path) -> None:
     """Draw PSNR over samples, and validation PSNR over hours."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
+    figure = new_figure(PAGE, 3.0)
+    left, right = figure.subplots(1, 2)
     spread = [table["psnr"] - table["low"], table["high"] - table["psnr"]]
-    left.errorbar(table["samples"], table["psnr"], spread, fmt="o-", capsize=3)
+    left.errorbar(
+        table["samples"], table["psnr"], spread, **line_style(0), ms=3.5, lw=1.1, capsize=2.5
+    )
     left.set_xscale("log")
     left.set_xticks(table["samples"], [f"{n:,}" for n in table["samples"]], rotation=45)
     left.minorticks_off()
     left.set_xlabel("training samples, up to 192,000 seen in all")
     left.set_ylabel("PSNR on clean test samples [dB]")
-    for name in CURVES:
+    for k, name in enumerate(CURVES):
         hours, loss = curve(name)
-        style = "--" if name == "phydnn" else "-"  # its first epochs are those of `dnn`
-        right.plot(hours, -10 * np.log10(loss), style, label=name)
+        # The first epochs of `phydnn` are those of `dnn`: their markers take turns.
+        every = (3, 6) if name == "phydnn" else 6
+        right.plot(
+            hours, -10 * np.log10(loss), **line_style(k), markevery=every, ms=3.5, lw=1.1,
+            label=name,
+        )  # fmt: skip
     right.set_xscale("log")
     right.set_xticks([0.05, 0.1, 0.2, 0.5, 1, 2], ["0.05", "0.1", "0.2", "0.5", "1", "2"])
     right.minorticks_off()
     right.set_xlabel("hours of training on one core")
     right.set_ylabel("PSNR of the mean error,\nvalidation samples [dB]")
-    right.legend(fontsize=7)
+    right.legend(fontsize=NOTE)
     for axes in (left, right):
         axes.grid(visible=True, alpha=0.3)
-    figure.savefig(path, dpi=150)
+    save(figure, path.with_suffix(""), formats=("png",))
 
 
 if __name__ == "__main__":
     found = measure(Path(sys.argv[1]))
     found.to_csv(sys.argv[2], index=False, float_format="%.6g", lineterminator="\n")
-    draw_figure(found, Path(sys.argv[3]))
+    with mpl.rc_context(STYLE):
+        draw_figure(found, Path(sys.argv[3]))
