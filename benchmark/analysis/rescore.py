@@ -142,7 +142,7 @@ def stored_text(run: Run, scenario: str, method: str, column: str) -> str:
     """Text that the only cell of a method on a scenario holds in a column; "" for none."""
     of = (run.cells["scenario"] == scenario) & (run.cells["method"] == method)
     stored = run.cells[of].get(column, pd.Series(dtype=str)).tolist()
-    return str(stored[0]) if len(stored) == 1 and stored[0] else ""
+    return stored[0] if len(stored) == 1 and isinstance(stored[0], str) else ""
 
 
 def _parsed(kind: Callable[[str], Fitted], text: str, run: Run, method: str) -> Fitted:

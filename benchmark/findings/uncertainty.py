@@ -97,7 +97,7 @@ def read_uncertainty(run: Run) -> list[Stated]:
         track, tables = [], {}
         for method, of in rows.groupby("method", sort=False):
             if of["uncertainty_ms"].notna().any():
-                curves = _curves(run, texts.get((scenario, method)))
+                curves = stored_curves(run, texts.get((scenario, method)))
                 track.append(Stated(scenario, str(method), _figures(of, names), len(of), curves))
                 tables[str(method)] = in_order(of)
         known = recorded_frames(scenario, run.manifest["data"][scenario]["hash"])
@@ -182,7 +182,12 @@ def _together(known: pd.DataFrame, names: list[str]) -> dict[str, Interval]:
     return {name: Interval(*three) for name, three in zip(names, values, strict=True)}
 
 
-def _curves(run: Run, text: object) -> Curves | None:
+def stored_curves(run: Run, text: object) -> Curves | None:
+    """The curves in the column 'uncertainty' of a cell; None where it has none.
+
+    Raises:
+        DataCorruptError: the `text` is not what a run writes.
+    """
     if not isinstance(text, str) or not text:
         return None
     try:

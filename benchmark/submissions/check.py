@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.submissions.figure_checks import (
+    curves_follow,
     failures_are_reported,
     frames_are_ours,
     is_plausible,
@@ -94,6 +95,7 @@ CHECKS: dict[str, Callable[[Submission], str]] = {
     "frames, truth and geometry are ours": frames_are_ours,
     "registrations and load calibrations are those of the stored images": registrations_are_ours,
     "figures are those of the stored images": scores_are_ours,
+    "curves of stated uncertainty follow from its figures": curves_follow,
     "failures are reported": failures_are_reported,
     "notes on recordings are ours": notes_are_ours,
     "the leaderboard follows from the figures": leaderboard_follows,

@@ -142,6 +142,7 @@ ROWS = "every sample of every method has its row"
 FRAMES = "frames, truth and geometry are ours"
 FIGURES = "figures are those of the stored images"
 FAILURES = "failures are reported"
+CURVES = "curves of stated uncertainty follow from its figures"
 BOARD = "the leaderboard follows from the figures"
 CHOICES = "tracks, parameters and weights are ours"
 RELEASE = "it names its version of eitbench"
@@ -184,6 +185,17 @@ def set_in_cells(name: str, value: str | float) -> Edit:
     def edit(run: Path) -> None:
         table = pd.read_parquet(run / "methods.parquet")
         table[name] = value
+        table.to_parquet(run / "methods.parquet")
+
+    return edit
+
+
+def set_in_curves(change: Callable[[dict[str, Any]], object]) -> Edit:
+    def edit(run: Path) -> None:
+        table = pd.read_parquet(run / "methods.parquet")
+        curves = json.loads(table["uncertainty"][0])
+        change(curves)
+        table.loc[0, "uncertainty"] = json.dumps(curves)
         table.to_parquet(run / "methods.parquet")
 
     return edit
@@ -232,6 +244,9 @@ def copy_the_truth(run: Path, method: str = "my-noser") -> None:
             FIGURES,
             "1 of 5 samples of 'my-noser' on 'tiny' have other figures",
         ),
+        (set_in_curves(lambda c: c["ranks"].insert(0, c["ranks"].pop())), CURVES, "do not follow"),
+        (set_in_curves(lambda c: c["sparsified"].reverse()), CURVES, "do not follow"),
+        (set_in_cells("uncertainty", ""), CURVES, "are missing"),
         (set_in_a_row("input_hash", "0"), FRAMES, "'my-noser' was given other frames of 'tiny'"),
         (on_another_processor, FRAMES, ""),
         (
