@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from eitbench.hardware.board import Board, BoardError, Frame, Health
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import is_recording, recorded_set
-from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.recordings.fetch import no_untouched_frame, read_recording
 from eitbench.scenarios.recordings.files.own import undamaged
+from eitbench.scenarios.recordings.files.recording_file import Content
 from eitbench.scenarios.sensors.sensor import Sensor
 
 RATE_HZ = 10.0
@@ -116,6 +117,8 @@ Frames = tuple[Sensor, NDArray[np.float64], NDArray[np.float64], bool]
 def _recorded_set(name: str) -> Frames:
     recorded = recorded_set(name)
     recording = read_recording(name)
+    if recording.modelled_reference:
+        raise no_untouched_frame(name)
     untouched = np.repeat(recording.reference[None], _UNTOUCHED, axis=0)
     values = np.concatenate([untouched, recording.voltages])
     return recorded.sensor(), np.arange(len(values)) / RATE_HZ, values, False
@@ -126,7 +129,18 @@ def _recording_file(path: Path) -> Frames:
     if not len(content):
         raise InputError(f"{path} holds no frames: there is nothing to play.")
     if content.differences:
-        raise InputError(
-            f"{path} holds differences only, and boards send whole frames: it cannot be played."
-        )
-    return content.sensor, content.time_s, content.values, content.emulated
+        raise no_untouched_frame(path)
+    return content.sensor, _clock(content), content.values, content.emulated
+
+
+def _clock(content: Content) -> NDArray[np.float64]:
+    """Times (n,) [s] that never go back.
+
+    Where those of the board do, or are no numbers, as when it started anew, the times of reception
+    tell how much passed; where these do not either, the frame follows as quickly as most.
+    """
+    steps, received = np.diff(content.time_s), np.diff(content.received_s)
+    steps = np.where(np.isfinite(steps) & (steps >= 0), steps, received)
+    sound = np.isfinite(steps) & (steps >= 0)
+    usual = float(np.median(steps[sound])) if sound.any() else 1 / RATE_HZ
+    return np.concatenate([[0.0], np.cumsum(np.where(sound, steps, usual))])

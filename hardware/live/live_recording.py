@@ -53,6 +53,11 @@ class LiveRecording:
         """True until the file is whole and closed, or has failed."""
         return not self._closed and not self.failed
 
+    @property
+    def touching(self) -> bool:
+        """True while a touch is recorded."""
+        return self.running and self._touch is not None
+
     def append(self, frame: Frame) -> None:
         """Write `frame`, if the recording runs."""
 

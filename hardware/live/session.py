@@ -57,7 +57,7 @@ class Session:
         self.imaging = Imaging(board.sensor, show, parameters)
         self._out = out
         self._monitor, self._renumber = Monitor(board.sensor), FrameRenumbering()
-        self._status, self._status_s = self._monitor.status(0), -STATUS_S
+        self._status, self._status_s = self._monitor.status(0, 0.0), -STATUS_S
         self._damaged_before = 0
         self._recording: LiveRecording | None = None
         self._recording_lock = threading.Lock()
@@ -95,7 +95,13 @@ class Session:
         self.stop_recording()
 
     def take_reference(self) -> None:
-        """Take the mean of the next frames as the reference frame."""
+        """Take the mean of the next frames as the reference frame.
+
+        Raises:
+            InputError: a touch is being recorded.
+        """
+        if self._recording is not None and self._recording.touching:
+            raise InputError("Let go first: a touch is being recorded.")
         self._reference_failed = ""
         self._reference_frames = []
 
@@ -237,7 +243,7 @@ class Session:
         self._monitor.add(frames)
         if now >= self._status_s + STATUS_S:
             damaged = self._damaged_before + self.board.health.damaged
-            self._status, self._status_s = self._monitor.status(damaged), now
+            self._status, self._status_s = self._monitor.status(damaged, now), now
         for frame in frames:
             self._last_frame_s = now
             if self._recording is not None:

@@ -1,13 +1,17 @@
 """Recordings to and from other formats, and public recorded sets as recordings."""
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.importing.arrays import Choice
+from eitbench.hardware.recording.importing.labels import moved
 from eitbench.hardware.recording.importing.recording import (
     ImportOptions,
     import_files,
@@ -15,14 +19,13 @@ from eitbench.hardware.recording.importing.recording import (
     touches,
 )
 from eitbench.hardware.recording.importing.reference import reference_rows
-from eitbench.hardware.recording.importing.sources import found_files, is_own
+from eitbench.hardware.recording.importing.sources import found_files, is_own, own_content
 from eitbench.hardware.recording.recorder import Recorder, check_new
 from eitbench.scenarios.errors import InputError, counted, unknown_name
 from eitbench.scenarios.recordings import RECORDED_SETS, recorded_set
-from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.recordings.descriptors import PLACES, contact_places
+from eitbench.scenarios.recordings.fetch import no_untouched_frame, read_recording
 from eitbench.scenarios.recordings.files.csv_mat import (
-    read_csv,
-    read_mat_recording,
     without_times,
     write_csv,
     write_mat,
@@ -32,10 +35,8 @@ from eitbench.scenarios.recordings.files.pairs import from_differences
 from eitbench.scenarios.recordings.files.recording_file import Content, label_table
 from eitbench.scenarios.recordings.quality import metres_as_millimetres
 from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.storage.try_reading import try_reading
 
 _OF_HEADER = ("firmware", "emulated", "started", "differences")
-_EXPORTED = {".csv": read_csv, ".mat": read_mat_recording}
 _NOTHING_SAID = ImportOptions()
 
 
@@ -61,7 +62,8 @@ def export_recording(path: Path, to: Path) -> str:
         raise InputError(f"{to} exists already and is never overwritten: name another file.")
     if not len(content):
         raise InputError(f"{path} holds no frames: there is nothing to export.")
-    writers[to.suffix](content, to)
+    with _whole(to):
+        writers[to.suffix](content, to)
     written = f"{len(content)} frames are in {to}."
     if condition.complete:
         return written
@@ -147,20 +149,29 @@ def _imported(
 
 def _relabelled(path: Path, options: ImportOptions) -> tuple[Content, list[str]]:
     """A recording, or an exported one, with the labels and the reference that the user gives."""
-    if (reader := _EXPORTED.get(path.suffix)) is not None:
-        try_reading(path, reader, path)
-        content = reader(path)
-    elif options == _NOTHING_SAID:
+    if path.suffix == ".h5" and options == _NOTHING_SAID:
         raise InputError(f"{path} is a recording already: use it as it is.")
-    else:
-        content, _ = undamaged(path)
+    content = own_content(path)
+    if options.reference is not None and content.differences:
+        raise no_untouched_frame(path)
     if options.reference is not None:
         content = replace(content, reference=reference_rows(options.reference, len(content)))
     said = [f"Reference: {counted(len(content.reference), 'frame')}."]
     if options.labels is not None:
         labels, of_labels = relabelled(content, path, options)
         return replace(content, labels=labels), [*said, *of_labels]
+    content = replace(content, labels=moved(content.labels, options.origin_mm))
     return content, [*said, touches(content.labels, "the file")]
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[None]:
+    """Write the new file `path` wholly, or not at all: a part of it would look like all."""
+    try:
+        yield
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
 
 
 def write_recording(content: Content, to: Path) -> None:
@@ -172,7 +183,8 @@ def write_recording(content: Content, to: Path) -> None:
     """
     named = {name: getattr(content, name) for name in _OF_HEADER}
     columns = (content.number.tolist(), content.time_s.tolist(), content.received_s.tolist())
-    with Recorder(to, content.sensor, content.board, **named) as recorder:
+    check_new(to)
+    with _whole(to), Recorder(to, content.sensor, content.board, **named) as recorder:
         for frame in zip(*columns, content.values, strict=True):
             recorder.append(Frame(*frame))
         for row in content.reference.tolist():
@@ -186,25 +198,43 @@ def write_recording(content: Content, to: Path) -> None:
 def _public(name: str) -> tuple[Content, list[str]]:
     """A public set: its reference as the first frame, then a frame for each of its samples.
 
-    Of differences only these.
+    Of differences only these. Frames of the untouched sensor have no label.
     """
     recorded = recorded_set(name)
     recording = read_recording(name)
     samples = recording.samples
+    contacts = _contacts(samples)
     if recording.modelled_reference:
         change = recording.voltages - recording.reference
         origin = f"from {recorded.repository}"
-        content = from_differences(change, recorded.sensor(), name, samples, origin)
+        content = from_differences(change, recorded.sensor(), name, contacts, origin)
         return content, ["Reference: modelled.", touches(content.labels, "the set")]
-    rows = np.arange(1, len(samples) + 1)
-    known = {name: samples[name] for name in ("x_m", "y_m", "depth_mm") if name in samples}
-    if "state" in samples:
-        known["state"] = samples["state"].astype(str)
-    labels = label_table(rows, rows, known)
+    rows = contacts.pop("touch").to_numpy() + 1
+    labels = label_table(rows, rows, {str(name): column for name, column in contacts.items()})
     frames = np.concatenate([recording.reference[None], recording.voltages])
     content = without_times(frames, recorded.sensor(), name, f"from {recorded.repository}")
-    lost = [str(column) for column in samples if column not in labels]
+    used = {"touched", "contacts", *itertools.chain(*PLACES), *contacts}
+    lost = [str(column) for column in samples if column not in used]
     lost += ["true classes"] * (recording.classes is not None)
     said = ["Reference: 1 frame.", touches(labels, "the set")]
     said += [f"Not used: {', '.join(lost)}."] * bool(lost)
     return replace(content, reference=np.array([0]), labels=labels), said
+
+
+def _contacts(samples: pd.DataFrame) -> pd.DataFrame:
+    """A row for each contact of the touched samples of a set: columns of labels, and `touch`.
+
+    `touch` is the number of the sample. A touch at an unknown place has one row.
+    """
+    places = np.full((len(samples), 1, 2), np.nan)
+    if "x_m" in samples:
+        places = contact_places(samples)
+    there = np.isfinite(places).all(axis=2)
+    there[:, 0] |= ~there.any(axis=1)
+    touch, contact = np.nonzero(there & samples["touched"].to_numpy(bool)[:, None])
+    x_m, y_m = places[touch, contact].T
+    found = pd.DataFrame({"touch": touch, "x_m": x_m, "y_m": y_m})
+    for name in ("depth_mm", "state"):
+        if name in samples:
+            found[name] = samples[name].to_numpy()[touch]
+    return found.astype({"state": str}) if "state" in found else found

@@ -54,6 +54,12 @@ class _Contact:
     def __str__(self) -> str:
         return f"({1e3 * self.x_m:g}, {1e3 * self.y_m:g}) mm"
 
+    @property
+    def state(self) -> str:
+        """What is equal for repeats of the same contact."""
+        force = f" {self.force_n:g} N" if math.isfinite(self.force_n) else ""
+        return f"{1e3 * self.x_m:g} {1e3 * self.y_m:g}{force}"
+
 
 class GuidedSession:
     """Questions and touches that lead the user of the open `board`, recorded by `recorder`.
@@ -141,7 +147,8 @@ class GuidedSession:
             for x, y in ((0.3, 0.3), (0.7, 0.35), (0.45, 0.7))
         ]
         inside = all(sensor.outline.contains(x / 1e3, y / 1e3) for x, y in corners)
-        such = f", such as {'; '.join(f'{x:.0f} {y:.0f}' for x, y in corners)}" if inside else ""
+        such = ", then ".join(f"{x:.0f} {y:.0f}" for x, y in corners)
+        such = f", such as {such}" if inside else ""
         return (
             "Touches 1, 6, 11 and so on (every fifth) are used to find how images map to places: "
             "at least 3 such places are needed, far apart and not on a line, as a line does not "
@@ -164,7 +171,7 @@ class GuidedSession:
             self._ask(f"Touch {' and '.join(map(str, contacts))}, hold still, and press Enter")
         self._during(self._timing.settle_s)
         first, last = self._during(self._timing.hold_s)
-        state = "; ".join(f"{1e3 * c.x_m:g} {1e3 * c.y_m:g}" for c in contacts)
+        state = "; ".join(contact.state for contact in contacts)
         for contact in contacts:
             self._recorder.label(
                 first,

@@ -13,9 +13,9 @@ from eitbench.hardware.board import Board, BoardError, BoardLostError, Frame
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios.recordings.frames import impossible
 from eitbench.scenarios.recordings.quality import (
+    frame_noise,
     reciprocity_error,
     suspect_electrodes,
-    typical_noise,
 )
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -81,8 +81,12 @@ class Monitor:
             self._last.append(frame)
             self._frames += 1
 
-    def status(self, damaged: int) -> Status:
-        """The status now, with the number of `damaged` frames that the board has counted."""
+    def status(self, damaged: int, now_s: float) -> Status:
+        """The status at `now_s`, with the number of `damaged` frames that the board has counted.
+
+        Args:
+            now_s: on the clock of `Frame.received_s` [s].
+        """
         reciprocity, snr_db = float("nan"), float("nan")
         suspects: tuple[int, ...] = ()
         values = np.array([frame.values for frame in self._last])
@@ -94,12 +98,12 @@ class Monitor:
             if len(self._pattern.reciprocal_pairs()) and reference.any():
                 reciprocity = float(reciprocity_error(reference, self._pattern))
             suspects = suspect_electrodes(values, self._pattern)
-            noise = np.sqrt(np.mean(typical_noise(values) ** 2))
+            noise = frame_noise(values)
             with np.errstate(divide="ignore"):
                 snr_db = float(20 * np.log10(np.sqrt(np.mean(reference**2)) / noise))
         return Status(
             self._frames,
-            self._rate_hz(),
+            self._rate_hz(now_s),
             snr_db,
             self._dropped,
             damaged,
@@ -107,11 +111,14 @@ class Monitor:
             suspects,
         )
 
-    def _rate_hz(self) -> float:
+    def _rate_hz(self, now_s: float) -> float:
         if len(self._last) < 2:
             return float("nan")
-        seconds = self._last[-1].received_s - self._last[0].received_s
-        return (len(self._last) - 1) / seconds if seconds > 0 else float("nan")
+        steps, first_s = len(self._last) - 1, self._last[0].received_s
+        seconds = self._last[-1].received_s - first_s
+        # The next frame may still be on its way; where it is late, fewer come than before.
+        seconds = max(seconds, now_s - first_s - seconds / steps)
+        return steps / seconds if seconds > 0 else float("nan")
 
 
 WAIT_S = 0.1
@@ -125,13 +132,15 @@ RETRY_S = 0.5
 class FrameRenumbering:
     """Numbers and times of frames that go on growing when a board starts anew.
 
-    A board that was unplugged counts from zero again. Its frames are numbered on from the last one
-    before, and its clock is set so that it agrees with the time between their receptions.
+    A board that was unplugged, or that starts anew by itself, counts from zero again. Its frames
+    are numbered on from the last one before, and its clock is set so that it agrees with the time
+    between their receptions.
     """
 
     def __init__(self) -> None:
         self._last: Frame | None = None
         self._number, self._time_s = 0, 0.0
+        self._sent = -1  # the last number, as the board sent it
         self._anew = False
 
     def restart(self) -> None:
@@ -140,6 +149,8 @@ class FrameRenumbering:
 
     def __call__(self, frame: Frame) -> Frame:
         """Return `frame` with a number and a time that follow those before."""
+        self._anew |= frame.number < self._sent
+        self._sent = frame.number
         if self._anew and self._last is not None:
             passed_s = frame.received_s - self._last.received_s
             self._number = self._last.number + 1 - frame.number
@@ -208,11 +219,11 @@ def record(
             monitor.add(arrived)
             if time.monotonic() - shown_s >= STATUS_S:
                 shown_s = time.monotonic()
-                show(monitor.status(damaged_before + board.health.damaged))
+                show(monitor.status(damaged_before + board.health.damaged, shown_s))
     finally:
         with suppress(BoardError):
             board.stop()
-    return monitor.status(damaged_before + board.health.damaged)
+    return monitor.status(damaged_before + board.health.damaged, time.monotonic())
 
 
 def _note(recorder: Recorder, say: Callable[[str], None], sentence: str) -> None:

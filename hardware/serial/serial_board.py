@@ -117,6 +117,7 @@ class SerialBoard(Board):
                 frames = self._parser.feed(data, time.monotonic())
                 if frames:
                     self._forget()
+                    self._silent_since = time.monotonic()
                     return frames
                 self._check_progress(data)
             if time.monotonic() >= end:
@@ -201,6 +202,11 @@ class SerialBoard(Board):
             return
         if self._parser.refusal:
             raise BoardError(self._parser.refusal)
+        if silent and self.health.frames:
+            raise BoardError(
+                f"The board on {self.port} has stopped sending: look at its cable and power, and "
+                "start again."
+            )
         if silent:
             raise BoardError(
                 self._other_board()
@@ -209,7 +215,7 @@ class SerialBoard(Board):
             )
         if not data:
             return
-        self._silent_since = None
+        self._silent_since = now
         self._since = self._since or now
         self._unread += data
         del self._unread[:-_REMEMBERED]
@@ -217,6 +223,7 @@ class SerialBoard(Board):
             if wrong := self._diagnosis():
                 raise BoardError(wrong)
             self._forget()
+            self._silent_since = now
 
     def _start_again(self) -> bool:
         """Send the start again, once: opening the port resets many boards, which then miss it."""

@@ -206,6 +206,13 @@ class _Meter:
         pass
 
 
+def no_untouched_frame(name: object) -> InputError:
+    """The error where frames of the untouched sensor are needed, and there are differences only."""
+    return InputError(
+        f"{name} holds differences only, so that no frame shows the untouched sensor."
+    )
+
+
 def reference_frames(name: str) -> tuple[Sensor, NDArray[np.float64]]:
     """The nominal sensor, and reference frames (n, M) in the board's units; of a public set one.
 
@@ -214,12 +221,13 @@ def reference_frames(name: str) -> tuple[Sensor, NDArray[np.float64]]:
         DataUnavailableError, DataCorruptError: the data cannot be had, or are damaged.
     """
     if not is_recording(name):
-        return recorded_set(name).sensor(), read_recording(name).reference[None]
+        recording = read_recording(name)
+        if recording.modelled_reference:
+            raise no_untouched_frame(name)
+        return recorded_set(name).sensor(), recording.reference[None]
     content, _ = undamaged(Path(name))
     if content.differences:
-        raise InputError(
-            f"{name} holds differences only, so that no frame shows the untouched sensor."
-        )
+        raise no_untouched_frame(name)
     if not len(content.reference):
         raise InputError(
             f"{name} marks no reference frames: record with --guided, or take a new reference "

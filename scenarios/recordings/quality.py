@@ -95,6 +95,19 @@ def typical_noise(frames: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(1.4826 * np.median(steps, axis=0) / np.sqrt(2))
 
 
+def frame_noise(frames: ArrayLike) -> float:
+    """Standard deviation of the noise of `frames` (n, M) that follow each other, rms over values.
+
+    The mean square of a step between two frames is twice the variance of one; the median over the
+    steps leaves out those in which a touch begins or ends. (Medians of single values, as in
+    `typical_noise`, are right for many frames only.) NaN for fewer than two frames.
+    """
+    values = np.asarray(frames, dtype=np.float64)
+    if len(values) < 2:
+        return float("nan")
+    return float(np.sqrt(np.median(np.mean(np.diff(values, axis=0) ** 2, axis=1)) / 2))
+
+
 STANDS_OUT = 3.0
 """Error of an electrode, relative to the other measurements, that makes it suspect."""
 _SOUND_ERROR = 0.01
@@ -321,12 +334,17 @@ def _marks(content: Content) -> list[str]:
             f"Label {k} names reference frames {before[k]} to {until[k]}, and there are frames 0 "
             f"to {n - 1}."
         )
+    if (on := np.flatnonzero(own & (before <= last) & (until >= first))).size:
+        k = int(on[0])
+        problems.append(
+            f"Label {k} names reference frames {before[k]} to {until[k]}, and its touch is on "
+            f"frames {first[k]} to {last[k]}: frames are counted from 0."
+        )
     if ((content.reference < 0) | (content.reference >= n)).any():
         problems.append("The reference names frames that are not there.")
     pressed = content.labels["x_m"].notna().to_numpy()
-    taken = [
-        np.isin(content.reference, range(a, b + 1)).any() for a, b in zip(first, last, strict=True)
-    ]
+    rows = content.reference
+    taken = [((rows >= a) & (rows <= b)).any() for a, b in zip(first, last, strict=True)]
     if (on := np.flatnonzero(pressed & np.array(taken, dtype=bool))).size:
         problems.append(
             f"{counted(len(on), 'touch', 'touches')} on frames of the untouched sensor, the first "

@@ -19,7 +19,7 @@ from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.faults import dead_electrodes, never_alone, saturated_values
 from eitbench.scenarios.recordings.frames import impossible
-from eitbench.scenarios.recordings.quality import typical_noise
+from eitbench.scenarios.recordings.quality import frame_noise, typical_noise
 from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.wiring.evidence import all_values, modelled_resistances
@@ -174,7 +174,7 @@ def diagnose(
     third = max(len(values) // 3, 1)
     drift = np.linalg.norm(values[-third:].mean(axis=0) - values[:third].mean(axis=0))
     declared = search.misfit_of(sensor.pattern.table) if sensor.n_measurements == length else np.nan
-    noisy = float(np.sqrt(np.mean(noise**2)))
+    noisy = frame_noise(values)
     rms = float(np.sqrt(np.mean(frame**2)))
     return Diagnosis(
         certainty=certainty,

@@ -137,7 +137,7 @@ def test_reading(benchmark: Any, frames: list[Frame], tmp_path: Path) -> None:
 def test_status(benchmark: Any, frames: list[Frame]) -> None:
     monitor = Monitor(sensor("foam16"))
     monitor.add(frames[:50])
-    benchmark(lambda: monitor.status(0).line())
+    benchmark(lambda: monitor.status(0, 0.0).line())
 
 
 SAMPLES, CONTESTANTS = 6000, 12

@@ -18,6 +18,7 @@ from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.sensors.sensor import Sensor
 
 Order = Literal["rows", "columns"]
+ORDERS: tuple[Order, ...] = ("rows", "columns")
 Part = Literal["real", "magnitude"]
 
 
@@ -116,11 +117,12 @@ def find_frames(arrays: Arrays, sensor: Sensor, path: Path, choice: Choice) -> F
     name = TABLE if TABLE in names else names[0]
     chosen = [fit for fit in best if fit.name == name]
     if len({(fit.order, fit.how) for fit in chosen}) > 1:
+        ways = dict.fromkeys(fit.how for fit in chosen)
+        hows = [(order, {fit.how for fit in chosen if fit.order == order}) for order in ORDERS]
+        clear = "".join(f"--order {order}, or " for order, of in hows if len(of) == 1)
         raise InputError(
             f"Array {name!r} of {path} has the shape {_shape(arrays[name])}, which fits twice "
-            f"({'; '.join(dict.fromkeys(fit.how for fit in chosen))}): say --order rows or --order "
-            "columns, whichever a frame (or the values of a drive) is, or save it as frames x "
-            "values."
+            f"({'; '.join(ways)}): {'say ' * bool(clear)}{clear}save it as frames x values."
         )
     fit = chosen[0]
     how = f"array {name!r}, {fit.how}"

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eitbench.hardware.recording.importing.sources import ALL_COLUMNS, Arrays
+from eitbench.hardware.recording.importing.sources import ALL_COLUMNS, TEXTS, Arrays
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.files import layout
@@ -29,8 +29,7 @@ _VALUES = {
 }
 """Columns of numbers: that of the recording, and its unit in theirs."""
 _ROWS = ("frame", "first", "last", "reference_first", "reference_last")
-_TEXTS = ("file", "state")
-_KNOWN = {name.lower(): name for name in (*_TEXTS, *_ROWS, *_VALUES)}
+_KNOWN = {name.lower(): name for name in (*TEXTS, *_ROWS, *_VALUES)}
 _PREFIX = "label_"  # in exported MATLAB files
 _NEARLY = re.compile(
     r"(x|y)([^a-z]|$|mm|cm|m$|pos|coord)|pos|place|coord|depth|force|pressure|file|frame|first|last"
@@ -84,7 +83,7 @@ def parsed(arrays: Arrays, path: Path) -> pd.DataFrame:
                 f"{array.shape}."
             )
         cells = array.reshape(-1)
-        if known in _TEXTS:
+        if known in TEXTS:
             columns[target] = [_text(cell) for cell in cells.tolist()]
             for text in columns[target] if target == "state" else ():
                 if len(text.encode()) > layout.STATE_BYTES:
@@ -110,7 +109,7 @@ def parsed(arrays: Arrays, path: Path) -> pd.DataFrame:
 
 def _text(cell: object) -> str:
     if isinstance(cell, float):
-        return "" if np.isnan(cell) else f"{cell:g}"
+        return "" if np.isnan(cell) else f"{cell:.15g}"
     return str(cell).strip()
 
 
@@ -225,19 +224,22 @@ def placed(
     frames = np.arange(files[0].start, files[-1].start + files[-1].count)
     touched = np.setdiff1d(frames, reference)
     has_rows = "frame" in table or {"first", "last"} <= set(table)
-    base: Index | int = files[0].start  # that rows of frames are counted from
+    # Where rows of frames are counted from, and how many there are.
+    base, held = np.array([files[0].start]), np.array([len(frames)])
     left_out = Counter[str]()
     if "file" in table:
         how = "by the names of the files"
         of = [_file(name, k, files, path) for k, name in enumerate(table["file"])]
-        base = np.array([file.start for file in of])
+        base, held = _starts_and_counts(of)
+        if not has_rows:
+            of = [_touched(file, touched) for file in of]
     elif has_rows:
         how = "by rows of frames, counted from 0"
         of = [FramesOf(path, files[0].start, len(frames))] * len(table)
     elif len(table) == len(files):
         how = f"row by row, for the files {files[0].path.name} to {files[-1].path.name}"
         of = [_touched(file, touched) for file in files]
-        base = np.array([file.start for file in files])
+        base, held = _starts_and_counts(files)
     elif len(table) in (len(frames), len(touched)):
         how = "row by row, for the frames"
         rows = frames if len(table) == len(frames) else touched
@@ -276,11 +278,30 @@ def placed(
         )
     for name, row in (("first", first), ("last", last)):
         made[name] = (start + row).astype(np.int64)
-    for name in ("reference_first", "reference_last"):
-        if name in made:
-            given = made[name].to_numpy()
-            made[name] = np.where(given < 0, -1, base + given).astype(np.int64)
+    before, until = (
+        made[name].to_numpy() if name in made else np.full(len(made), -1)
+        for name in ("reference_first", "reference_last")
+    )
+    own = (before >= 0) | (until >= 0)
+    if (wrong := own & ((before < 0) | (until < before) | (until >= held))).any():
+        k = int(np.argmax(wrong))
+        raise InputError(
+            f"Row {k + 1} of {path} has the reference frames {_or_none(before[k])} to "
+            f"{_or_none(until[k])}: give reference_first and reference_last, of the frames 0 to "
+            f"{np.broadcast_to(held, own.shape)[k] - 1} (counted from 0)."
+        )
+    for name, row in (("reference_first", before), ("reference_last", until)):
+        if own.any():
+            made[name] = np.where(own, base + row, -1).astype(np.int64)
     return made, how, left_out
+
+
+def _starts_and_counts(files: list[FramesOf]) -> tuple[Index, Index]:
+    return np.array([file.start for file in files]), np.array([file.count for file in files])
+
+
+def _or_none(row: float) -> str:
+    return "none" if row < 0 else f"{row:.0f}"
 
 
 def _touched(file: FramesOf, touched: Index) -> FramesOf:
@@ -310,7 +331,7 @@ def has_place(table: pd.DataFrame) -> NDArray[np.bool_]:
 
 def _described(table: pd.DataFrame) -> NDArray[np.bool_]:
     """True (n,) for the rows with a place, a state or another value of a touch."""
-    told = [table[name].notna() for name in table if name not in (*_ROWS, *_TEXTS)]
+    told = [table[name].notna() for name in table if name not in (*_ROWS, *TEXTS)]
     if "state" in table:
         told.append(table["state"] != "")
     return np.any(told, axis=0) if told else np.ones(len(table), dtype=bool)

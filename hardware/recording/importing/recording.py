@@ -104,6 +104,11 @@ def _touches_alone(
             "--reference, --released and --differences each say what a touch is compared with: "
             "give one of them."
         )
+    if options.differences and options.frames.part == "magnitude":
+        raise InputError(
+            "The magnitude of a difference is not the difference of magnitudes, and has no sign: "
+            "say --values real, or give whole frames."
+        )
     released = []
     if options.released is not None:
         found = [_pairs(file, sensor, options.frames, options.released) for file in files]
@@ -178,14 +183,23 @@ def _read(path: Path, sensor: Sensor, options: ImportOptions) -> FrameFile:
 def relabelled(
     content: Content, path: Path, options: ImportOptions
 ) -> tuple[pd.DataFrame, list[str]]:
-    """The labels that a sheet gives to the recording at `path`, and what they are."""
+    """The labels that a sheet gives to the recording at `path`, and what they are.
+
+    A touch that was labelled before keeps the reference that it had, unless the sheet names one.
+    """
     if (sheet := _sheet(options.labels)) is None:
         raise InputError(
             f"{path} is a recording, whose arrays have names of its own: --labels names a sheet."
         )
     part = FramesOf(path, 0, len(content))
     table, said = _of_sheet(sheet, [part], content.reference)
-    return sheets.as_labels(sheets.moved(table, options.origin_mm)), [said]
+    labels = sheets.as_labels(sheets.moved(table, options.origin_mm))
+    if "reference_first" not in table:
+        had = content.labels.drop_duplicates(["first", "last"])
+        kept = labels[["first", "last"]].merge(had, on=["first", "last"], how="left")
+        for name in ("reference_first", "reference_last"):
+            labels[name] = kept[name].fillna(-1).astype(np.int64)
+    return labels, [said]
 
 
 def _sheet(labels: str | None) -> Path | None:

@@ -7,7 +7,12 @@ import numpy as np
 
 from eitbench.hardware.recording.importing.arrays import Choice, FrameFile, find_frames
 from eitbench.hardware.recording.importing.labels import FramesOf
-from eitbench.hardware.recording.importing.sources import found_files, read_arrays
+from eitbench.hardware.recording.importing.sources import (
+    found_files,
+    is_own,
+    own_content,
+    read_arrays,
+)
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.errors import InputError, counted
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -63,6 +68,9 @@ def _found(
     if given is not None:
         beside = []
         for path in reference_paths(given):
+            if is_own(path):
+                beside.append(_of_recording(path, sensor))
+                continue
             arrays = read_arrays(path)
             # The array that holds the frames may have another name there.
             known = choice if choice.name in arrays else unnamed
@@ -79,6 +87,23 @@ def _found(
             only = {REFERENCE: array}
             beside.append(find_frames(only, sensor, file.path, unnamed).values)
     return beside, rows, f" of array {REFERENCE!r}"
+
+
+def _of_recording(path: Path, sensor: Sensor) -> Array:
+    """The reference frames (n, M) of a recording.
+
+    Raises:
+        InputError: it marks none, or they are of another number of values.
+    """
+    content = own_content(path)
+    if not len(content.reference):
+        raise InputError(f"--reference {path}: it marks no frames of the untouched sensor.")
+    if content.sensor.n_measurements != sensor.n_measurements:
+        raise InputError(
+            f"--reference {path}: its frames have {content.sensor.n_measurements} values, and "
+            f"those of sensor {sensor.name!r} have {sensor.n_measurements}."
+        )
+    return content.values[content.reference]
 
 
 def _are_rows(array: Array, count: int) -> bool:

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError, UnreadableError
 from eitbench.scenarios.extras import missing
 from eitbench.scenarios.recordings.files import layout
-from eitbench.scenarios.recordings.files.csv_mat import OURS
+from eitbench.scenarios.recordings.files.csv_mat import OURS, read_csv, read_mat_recording
+from eitbench.scenarios.recordings.files.own import undamaged
+from eitbench.scenarios.recordings.files.recording_file import Content
 from eitbench.scenarios.recordings.matlab import all_variables, variables
 from eitbench.scenarios.storage.limits import most_bytes, own_dataset
 from eitbench.scenarios.storage.try_reading import try_reading
@@ -29,8 +31,11 @@ TABLE = "values"
 """Name of the array of a table without names of columns, and of a file with one array."""
 ALL_COLUMNS = "all columns"
 """Name of the array of all columns of numbers, where a table has more than one series."""
+TEXTS = ("file", "state")
+"""Names of columns that are text, whatever their cells look like."""
 UNREAD: NDArray[Any] = np.empty(0, dtype=object)
 """In the place of what a file holds beside arrays of numbers and text, such as structs."""
+_EXPORTED = {".csv": read_csv, ".mat": read_mat_recording}
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _SERIES = re.compile(r"(.*?)[\s_.(\[-]*(\d+)[)\]]?")
 
@@ -143,6 +148,18 @@ def is_own(path: Path) -> bool:
     return False
 
 
+def own_content(path: Path) -> Content:
+    """What the file at `path` holds, of which `is_own` is true; of one cut off, what is intact.
+
+    Raises:
+        UnreadableError, DataCorruptError: it cannot be read, or is damaged.
+    """
+    if (reader := _EXPORTED.get(path.suffix)) is None:
+        return undamaged(path)[0]
+    try_reading(path, reader, path)
+    return reader(path)
+
+
 def _text(path: Path) -> Arrays:
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     body = [(k, line) for k, line in enumerate(lines, 1) if line.strip() and line[0] not in "#%"]
@@ -181,7 +198,12 @@ def _table(rows: Rows) -> Arrays:
         width -= 1  # every line ends with a delimiter
     names = [name.strip('" ') for name in rows[0][1][:width]]
     named = not all(_is_number(name) for name in names) or _are_numbered(names)
-    columns = [_column([(k, cells[i]) for k, cells in rows[named:]]) for i in range(width)]
+    columns = [
+        np.array([cells[i] for _, cells in rows[1:]], dtype=np.str_)
+        if named and names[i].lower() in TEXTS
+        else _column([(k, cells[i]) for k, cells in rows[named:]])
+        for i in range(width)
+    ]
     if not named:
         for column in columns:
             _refuse_text(column, rows)

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from eitbench.hardware.recording.importing.sources import is_own, read_arrays
+from eitbench.hardware.recording.importing.sources import is_own, own_content, read_arrays
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings.fetch import no_untouched_frame
 from eitbench.scenarios.recordings.files.own import frames_of_touches, has_reference
-from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.wiring.touches import Touches, touches_of
 
 
@@ -22,8 +22,10 @@ def unordered_frames(path: Path, lengths: Collection[int]) -> Array:
         InputError: no array of such a length, or several.
         UnreadableError, DataCorruptError: as `read_arrays`.
     """
-    if path.suffix.lower() == ".h5" and is_own(path):
-        content, _ = read_file(path)
+    if is_own(path):
+        content = own_content(path)
+        if content.differences:
+            raise no_untouched_frame(path)
         return content.values[content.reference] if len(content.reference) else content.values
     found: dict[bytes, Array] = {}
     shapes = []
@@ -55,8 +57,8 @@ def unordered_frames(path: Path, lengths: Collection[int]) -> Array:
 
 def labelled_touches(path: Path) -> Touches | None:
     """Touches of a recording of our own whose places and reference frames are marked, or None."""
-    if path.suffix.lower() != ".h5" or not is_own(path):
+    if not is_own(path):
         return None
-    content, _ = read_file(path)
+    content = own_content(path)
     marked = has_reference(content)
     return touches_of(frames_of_touches(content)) if len(content.labels) and marked else None

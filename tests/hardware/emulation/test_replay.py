@@ -1,5 +1,6 @@
 """A recorded set played back."""
 
+import dataclasses
 import time
 from pathlib import Path
 
@@ -10,9 +11,10 @@ import pytest
 from eitbench.hardware.board import BoardError, Frame
 from eitbench.hardware.emulation import replay
 from eitbench.hardware.emulation.replay import Replay
+from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings import RecordedFrames
+from eitbench.scenarios.recordings import RecordedFrames, fetch
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.sensors.sensor import foam16
 
@@ -49,6 +51,33 @@ def test_frames_come_in_order_and_in_time_after_the_reference(
     np.testing.assert_allclose(np.diff([f.time_s for f in frames]), 0.1 / 20)
     assert board.health.frames == 10 + N
     assert board.ended
+
+
+def test_a_clock_that_goes_back_or_stops_does_not(tmp_path: Path) -> None:
+    """A board that started anew, and one without a time."""
+    sensor = foam16()
+    with Recorder(tmp_path / "a.h5", sensor, "fake") as recorder:
+        for k, time_s in enumerate((100.0, 100.1, 0.0, 0.1, np.nan, 0.3, 0.4)):
+            received = 50 + 0.1 * k + (2.0 if k > 1 else 0.0)
+            recorder.append(Frame(k, time_s, received, np.ones(sensor.n_measurements)))
+    board = Replay(tmp_path / "a.h5", speed=20)
+    with board:
+        board.start()
+        times = [frame.time_s for frame in collect(board, 5.0)]
+    assert board.ended
+    np.testing.assert_allclose(np.array(times) * 20, [0, 0.1, 2.2, 2.3, 2.4, 2.5, 2.6])
+
+
+def test_differences_on_a_modelled_reference_are_no_frames(
+    recorded: RecordedFrames, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    modelled = dataclasses.replace(recorded, modelled_reference=True)
+    for module in (replay, fetch):
+        monkeypatch.setattr(module, "read_recording", lambda name: modelled)
+    with pytest.raises(InputError, match="holds differences only"):
+        Replay("cam09-04")
+    with pytest.raises(InputError, match="holds differences only"):
+        fetch.reference_frames("cam09-04")
 
 
 def test_it_pauses_and_goes_on_where_it_was(recorded: RecordedFrames) -> None:

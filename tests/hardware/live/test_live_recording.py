@@ -100,6 +100,16 @@ def test_a_reference_that_is_taken_while_recording_is_marked_in_the_file(running
     assert not check(Path(running.recording["file"]))[0]
 
 
+def test_no_reference_is_taken_from_a_touch(running: Any) -> None:
+    running.session.start_recording()
+    wait_for(lambda: running.session._reference_frames is None)
+    running.session.touch(0.05, 0.05, 0.005, 2e4)
+    with pytest.raises(InputError, match="Let go first"):
+        running.session.take_reference()
+    running.session.release()
+    running.session.take_reference()
+
+
 def test_only_one_recording_at_a_time(running: Any) -> None:
     running.session.start_recording()
     with pytest.raises(InputError, match="under way"):

@@ -12,6 +12,7 @@ import scipy.io
 
 from eitbench.hardware.board import Frame
 from eitbench.hardware.emulation.replay import Replay
+from eitbench.hardware.recording import exchange
 from eitbench.hardware.recording.exchange import export_recording, import_recording
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios.errors import (
@@ -65,6 +66,24 @@ def test_there_and_back_not_a_bit_is_lost(recorded: Path, tmp_path: Path, ending
     content, condition = read_file(tmp_path / "c.h5")
     assert condition.sealed
     assert_equal(read_file(recorded)[0], content)
+
+
+@pytest.mark.parametrize("ending", [".h5", ".csv", ".mat"])
+def test_an_export_that_is_interrupted_leaves_nothing(
+    recorded: Path, tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A part of a recording would look like all of it."""
+
+    def interrupted(*_: object, **__: object) -> None:
+        (tmp_path / f"b{ending}").touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(exchange, "write_csv", interrupted)
+    monkeypatch.setattr(exchange, "write_mat", interrupted)
+    monkeypatch.setattr(Recorder, "label", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        export_recording(recorded, tmp_path / f"b{ending}")
+    assert not (tmp_path / f"b{ending}").exists()
 
 
 def test_what_was_cut_off_is_made_whole(recorded: Path, tmp_path: Path, skin: Sensor) -> None:
@@ -185,12 +204,12 @@ def test_public_sets_become_recordings(recorded_data: Path, tmp_path: Path, name
         gain = np.linalg.norm(own.reference) / np.linalg.norm(public.reference)
         np.testing.assert_allclose(own.reference, gain * public.reference, rtol=1e-9)
     else:
-        np.testing.assert_array_equal(own.voltages, public.voltages)
+        np.testing.assert_array_equal(own.voltages, public.voltages[public.samples["touched"]])
         np.testing.assert_array_equal(own.reference, public.reference)
     assert own.modelled_reference == public.modelled_reference
     made = recorded_set(str(path))
     assert made.sensor() == recorded_set(name).sensor()
     assert made.truth == ("position" if "x_m" in public.samples else "none")
-    for column in ("x_m", "y_m"):
+    for column in ("x_m", "y_m", "x2_m", "y2_m"):
         if column in public.samples:
-            assert np.array_equal(own.samples[column], public.samples[column])
+            np.testing.assert_array_equal(own.samples[column], public.samples[column])

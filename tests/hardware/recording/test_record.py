@@ -4,6 +4,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from eitbench.hardware.recording.guided import (
     suite_path,
     write_suite,
 )
-from eitbench.hardware.recording.loop import Monitor, Status, record
+from eitbench.hardware.recording.loop import FrameRenumbering, Monitor, Status, record
 from eitbench.hardware.recording.recorder import Recorder, RecorderError
 from eitbench.methods.registry import methods
 from eitbench.scenarios import forward_model, load_suite, sensor
@@ -54,12 +55,12 @@ def of_foam(n: int, snr_db: float, *, first: int = 0, noisy: int | None = None) 
 
 def test_status_says_what_is_seen() -> None:
     monitor = Monitor(sensor("foam16"))
-    assert monitor.status(0).line() == (
+    assert monitor.status(0, 104.3).line() == (
         "0 frames -/s  SNR - dB  0 lost  0 bad  recip. -%  suspect -"
     )
     monitor.add(of_foam(40, 60))
     monitor.add([Frame(43, 4.3, 104.3, of_foam(1, 60)[0].values)])
-    status = monitor.status(damaged=2)
+    status = monitor.status(damaged=2, now_s=104.3)
     assert (status.frames, status.dropped, status.damaged, status.suspects) == (41, 3, 2, ())
     assert status.rate_hz == pytest.approx(40 / 4.3)
     assert status.snr_db == pytest.approx(60, abs=0.5)
@@ -67,11 +68,34 @@ def test_status_says_what_is_seen() -> None:
     assert "SNR 60 dB  3 lost  2 bad  recip. 0.0%" in status.line()
 
 
+def test_the_rate_falls_where_no_more_frames_come() -> None:
+    monitor = Monitor(sensor("foam16"))
+    monitor.add(of_foam(40, 60))
+    assert monitor.status(0, 103.9).rate_hz == pytest.approx(10)
+    assert monitor.status(0, 104.0).rate_hz == pytest.approx(10)  # the next one is due
+    assert monitor.status(0, 113.9).rate_hz == pytest.approx(39 / 13.8)
+
+
+def test_few_frames_tell_the_noise_as_many_do() -> None:
+    for n in (5, 10, 50):
+        monitor = Monitor(sensor("foam16"))
+        monitor.add(of_foam(n, 60))
+        assert monitor.status(0, 105.0).snr_db == pytest.approx(60, abs=0.6), n
+
+
+def test_a_board_that_starts_anew_by_itself_is_numbered_on() -> None:
+    renumber = FrameRenumbering()
+    sent = [(5, 9.0, 100.0), (6, 9.1, 100.1), (0, 0.0, 103.0), (1, 0.1, 103.1), (1, 0.2, 103.2)]
+    found = [renumber(Frame(number, at, got, np.zeros(1))) for number, at, got in sent]
+    assert [frame.number for frame in found] == [5, 6, 7, 8, 8]
+    np.testing.assert_allclose([f.time_s for f in found], [9.0, 9.1, 12.0, 12.1, 12.2])
+
+
 def test_status_names_a_noisy_electrode() -> None:
     monitor = Monitor(sensor("foam16"))
     monitor.add(of_foam(50, 60, noisy=7))
-    assert monitor.status(0).suspects == (7,)
-    assert monitor.status(0).line().endswith("suspect 7")
+    assert monitor.status(0, 104.3).suspects == (7,)
+    assert monitor.status(0, 104.3).line().endswith("suspect 7")
 
 
 def test_a_long_status_fits_in_a_terminal() -> None:
@@ -83,8 +107,8 @@ def test_a_long_status_fits_in_a_terminal() -> None:
 def test_frames_without_numbers_do_not_stop_the_status(skin: Sensor) -> None:
     monitor = Monitor(skin)
     monitor.add([Frame(k, k, k, np.full(40, np.nan)) for k in range(5)])
-    assert monitor.status(0).frames == 5
-    assert np.isnan(monitor.status(0).snr_db)
+    assert monitor.status(0, 104.3).frames == 5
+    assert np.isnan(monitor.status(0, 104.3).snr_db)
 
 
 def test_everything_a_board_sends_is_recorded(
@@ -97,7 +121,9 @@ def test_everything_a_board_sends_is_recorded(
     content, _ = read_file(tmp_path / "a.h5")
     assert np.array_equal(content.values, [f.values for f in frames(60)])
     assert last.frames == 60
-    assert shown[-1] == last
+    # Later, no more frames have come.
+    assert replace(shown[-1], rate_hz=last.rate_hz) == last
+    assert last.rate_hz < shown[-1].rate_hz
     assert made.calls == ["start", "stop"]
 
 
@@ -265,7 +291,7 @@ def test_touches_of_several_contacts_and_forces_are_labelled(tmp_path: Path, boa
     labels = read_file(tmp_path / "a.h5")[0].labels
     assert labels["force_N"].tolist()[:2] == [1.5, 2.0]
     assert np.isnan(labels["force_N"][2])
-    assert labels["state"].tolist() == ["30 30; 70 60", "30 30; 70 60", "50 50"]
+    assert labels["state"].tolist() == ["30 30 1.5 N; 70 60 2 N"] * 2 + ["50 50"]
     first = labels["first"].tolist()
     assert first[0] == first[1] < first[2]
     samples = read_recording(str(tmp_path / "a.h5")).samples
@@ -298,8 +324,8 @@ def test_typing_errors_are_asked_again(tmp_path: Path, board: Make) -> None:
     assert touches == 1
     assert said[5].endswith(
         "are used to find how images map to places: at least 3 such places are needed, far apart "
-        "and not on a line, as a line does not tell an image from its mirror image, such as 30 30; "
-        "70 35; 45 70."
+        "and not on a line, as a line does not tell an image from its mirror image, such as 30 30, "
+        "then 70 35, then 45 70."
     )
     assert [said[1], said[2], said[3], said[4], said[5].split(" Touches 1")[0]] == [
         "Type a whole number from 1 to 1000; got 'many'.",

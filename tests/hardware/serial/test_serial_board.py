@@ -105,6 +105,18 @@ def test_unplugged_and_plugged_again(name: str, serve: Serve, tmp_path: Path) ->
     board.close()
 
 
+@pytest.mark.usefixtures("impatient")
+def test_a_board_that_stops_sending_is_told(
+    name: str, serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with on(name, serve(name, 40.0).port) as board:
+        start_and_read(board)
+        monkeypatch.setattr(board, "_read", lambda: b"")
+        monkeypatch.setattr(board, "_send", lambda command: None)
+        with pytest.raises(BoardError, match="has stopped sending: look at its cable"):
+            until(board, 1)
+
+
 def test_unplugged_before_a_command(serve: Serve) -> None:
     server = serve("teensy")
     board = on("teensy", server.port)

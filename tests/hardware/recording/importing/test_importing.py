@@ -17,6 +17,7 @@ from eitbench.hardware.recording.importing.arrays import Choice, find_frames, fu
 from eitbench.hardware.recording.importing.labels import FramesOf, as_labels, moved, parsed, placed
 from eitbench.hardware.recording.importing.recording import ImportOptions
 from eitbench.hardware.recording.importing.sources import arrays_of, found_files, read_arrays
+from eitbench.hardware.recording.importing.unordered import unordered_frames
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.fetch import fetch_recording, read_recording
@@ -336,19 +337,19 @@ def test_rows_of_a_reference_are_those_of_the_file() -> None:
         "file": np.array(["a", "b"]),
         "frame": np.array([1, 2]),
         "reference_first": np.array([0, 1]),
-        "reference_last": np.array([np.nan, 1]),
+        "reference_last": np.array([1, 1]),
         "force_N": np.array([0.5, np.nan]),
     }
     path = Path("sheet.csv")
     table, _, _ = placed(parsed(arrays, path), files, np.array([0, 1]), path)
     assert table["first"].tolist() == [3, 8]
     assert table["reference_first"].tolist() == [2, 7]
-    assert table["reference_last"].tolist() == [-1, 7]
+    assert table["reference_last"].tolist() == [3, 7]
     del arrays["file"]
     table, _, _ = placed(parsed(arrays, path), files, np.array([0, 1]), path)
     assert table["reference_first"].tolist() == [2, 3]
     labels = as_labels(table)
-    assert labels["reference_last"].tolist() == [-1, 3]
+    assert labels["reference_last"].tolist() == [3, 3]
     assert labels["force_N"].isna().tolist() == [False, True]
     assert labels["state"].tolist() == ["", ""]
 
@@ -366,6 +367,10 @@ def test_rows_of_a_reference_are_those_of_the_file() -> None:
         ("file,x_mm\nc.csv,1\n", "Row 1 of .* is for the file 'c.csv', which is none of the 1"),
         ("frame,x_mm\n6,1\n", "Row 1 of .* frames 6 to 6, and there are frames 0 to 5"),
         ("first,last\n3,2\n", "Row 1 of .* frames 3 to 2: the last frame is before the first"),
+        ("frame,reference_first,reference_last\n3,0,6\n", "frames 0 to 6: .* of the frames 0 to 5"),
+        ("frame,reference_first,reference_last\n3,2,1\n", "Row 1 of .* reference frames 2 to 1"),
+        ("frame,reference_first\n3,2\n", "Row 1 of .* reference frames 2 to none: give ref"),
+        ("file,reference_first,reference_last\na,0,6\n", "Row 1 of .* of the frames 0 to 5"),
         ("frame,x_mm\n1.5,1\n", "whole numbers, counted from 0"),
         ("frame,x_mm\n1,left\n", "Column 'x_mm' of .* should hold numbers only"),
         ("1,2,3\n", "Column 'values' .* is unknown: the first line .* names its columns"),
@@ -481,7 +486,10 @@ def test_what_fits_twice_is_asked(tmp_path: Path, imported: Import) -> None:
         imported("two.npz")
     square = np.arange(1600.0).reshape(40, 40)
     np.save(tmp_path / "square.npy", square)
-    with pytest.raises(InputError, match=r"shape 40 x 40, which fits twice .* say --order rows or"):
+    asked = (
+        "40 x 40, which fits twice .* say --order rows, or --order columns, or save it as frames"
+    )
+    with pytest.raises(InputError, match=asked):
         imported("square.npy")
     np.testing.assert_array_equal(imported("square.npy", order="columns")[0].values, square.T)
     matrix = full_matrices(VALUES[:1], 0.0)[0]
@@ -592,6 +600,58 @@ def test_files_are_sorted_by_numbers(tmp_path: Path) -> None:
     found, others = found_files([str(tmp_path)], [tmp_path / "a.txt"])
     assert [path.name for path in found] == ["press2.csv", "press10.csv"]
     assert not others
+
+
+def test_a_sheet_by_file_leaves_out_the_frames_of_the_reference(
+    tmp_path: Path, imported: Import
+) -> None:
+    for k in range(2):
+        scipy.io.savemat(tmp_path / f"p{k}.mat", {"frames": VALUES, "reference": [0, 1]})
+    (tmp_path / "sheet.csv").write_text("file,x_mm,y_mm\np1,10,20\np0,20,20\n")
+    content, _ = imported("p0.mat", "p1.mat", labels=tmp_path / "sheet.csv")
+    assert content.labels[["first", "last"]].to_numpy().tolist() == [[8, 11], [2, 5]]
+
+
+def test_names_of_files_and_states_that_are_numbers_are_kept(
+    tmp_path: Path, imported: Import
+) -> None:
+    for k in (1, 2):
+        np.savetxt(tmp_path / f"00{k}.csv", VALUES, delimiter=",")
+    rows = "".join(f"00{k},{20240100 + k},10,20\n" for k in (1, 2))
+    (tmp_path / "sheet.csv").write_text(f"file,state,x_mm,y_mm\n{rows}")
+    content, _ = imported("001.csv", "002.csv", labels=tmp_path / "sheet.csv")
+    assert content.labels["state"].tolist() == ["20240101", "20240102"]
+
+
+def test_a_recording_is_the_reference_of_others(tmp_path: Path, imported: Import) -> None:
+    np.save(tmp_path / "a.npy", VALUES)
+    imported("a.npy", reference="first:2")
+    content, _ = imported("a.npy", reference=str(tmp_path / "0-out.h5"))
+    np.testing.assert_array_equal(content.values, [*VALUES[:2], *VALUES])
+    assert content.reference.tolist() == [0, 1]
+    np.testing.assert_array_equal(unordered_frames(tmp_path / "0-out.h5", [40]), VALUES[:2])
+    export_recording(tmp_path / "0-out.h5", tmp_path / "a.mat")
+    np.testing.assert_array_equal(unordered_frames(tmp_path / "a.mat", [40]), VALUES[:2])
+    imported("a.npy")
+    with pytest.raises(InputError, match="marks no frames of the untouched sensor"):
+        imported("a.npy", reference=str(tmp_path / "2-out.h5"))
+
+
+def test_new_labels_keep_the_references_of_touches(tmp_path: Path, imported: Import) -> None:
+    np.save(tmp_path / "a.npy", VALUES)
+    sheet, more = tmp_path / "sheet.csv", tmp_path / "more.csv"
+    sheet.write_text("frame,x_mm,y_mm,reference_first,reference_last\n2,10,20,0,1\n")
+    imported("a.npy", labels=sheet)
+    more.write_text("frame,x_mm,y_mm,depth_mm\n2,10,20,1\n4,20,20,1\n")
+    import_recording(
+        [str(tmp_path / "0-out.h5")], tmp_path / "b.h5", None, ImportOptions(labels=str(more))
+    )
+    labels = read_file(tmp_path / "b.h5")[0].labels
+    assert labels[["reference_first", "reference_last"]].to_numpy().tolist() == [[0, 1], [-1, -1]]
+    moved = ImportOptions(origin_mm=(5.0, -5.0))
+    import_recording([str(tmp_path / "b.h5")], tmp_path / "c.h5", None, moved)
+    labels = read_file(tmp_path / "c.h5")[0].labels
+    np.testing.assert_allclose(labels[["x_m", "y_m"]], [[0.015, 0.015], [0.025, 0.015]])
 
 
 def test_a_recording_gets_labels_later(tmp_path: Path, imported: Import) -> None:
@@ -732,6 +792,20 @@ def test_touches_come_with_released_frames_or_as_differences(tmp_path: Path) -> 
         scale = np.linalg.norm(changes) / np.linalg.norm(pressed - released)
         np.testing.assert_allclose(changes, scale * (pressed - released), atol=1e-9)
         np.testing.assert_array_equal(recording.samples[["x_m", "y_m"]], places)
+
+
+def test_differences_have_neither_magnitudes_nor_a_reference(tmp_path: Path) -> None:
+    released, pressed, _ = pressed_skin(12, drift=0.5)
+    source, out = str(tmp_path / "changes.npy"), tmp_path / "a.h5"
+    np.save(source, (1 + 1j) * (pressed - released))
+    options = ImportOptions(Choice(part="magnitude"), differences=True)
+    with pytest.raises(InputError, match="is not the difference of magnitudes"):
+        import_recording([source], out, SKIN, options)
+    import_recording([source], out, SKIN, ImportOptions(Choice(part="real"), differences=True))
+    with pytest.raises(InputError, match="holds differences only, so that no frame"):
+        import_recording([str(out)], tmp_path / "b.h5", None, ImportOptions(reference="first:3"))
+    with pytest.raises(InputError, match="holds differences only, so that no frame"):
+        unordered_frames(out, [SKIN.n_measurements])
 
 
 def test_bad_files_of_differences_are_one_sentence(tmp_path: Path) -> None:
