@@ -182,7 +182,7 @@ def _read_results(path: Path) -> Results:
 
 
 def figure_called(name: str) -> str:
-    """Return the name of the figure that has this column, title or heading, as tables print it.
+    """Return the name of the figure that has this name, title or heading on its card.
 
     Raises:
         InputError: there is none.

@@ -130,12 +130,12 @@ class DataFigures(NamedTuple):
 
     Attributes:
         suite: its name.
-        data: hash of the data set.
+        frames: hashes of its test frames.
         figures: the ranking figure of each method; more is better.
     """
 
     suite: str
-    data: str
+    frames: frozenset[str]
     figures: Mapping[str, float]
 
 
@@ -162,24 +162,24 @@ class WinsRow:
 def wins_over_suites(figures: Iterable[DataFigures]) -> list[WinsRow]:
     """Share of comparisons that each method wins, a suite counting as much as any other.
 
-    A data set counts once, in the suite that has the most methods on it (of equals, the first):
-    methods that only other suites have on it win and lose nothing there.
+    Frames count once: a data set of which another one that counts holds the most frames is left
+    out. Data sets with the most frames come first, of equals those with the most methods. Methods
+    that only others have win and lose nothing there.
 
     On a data set of k methods one with the rank r (1 for the best, equals sharing theirs) wins
     (k - r) / (k - 1) of its comparisons. The mean over the data sets of a suite is its share there,
-    the mean over suites its share. Intervals are of a bootstrap over suites, none of which shares
-    data with another one, as if these had been drawn from all that there could be. Methods of
-    unlike suites met unlike opponents.
+    the mean over suites its share. Intervals are of a bootstrap over suites, as if these had been
+    drawn from all that there could be. Methods of unlike suites met unlike opponents.
 
     Returns:
         First the methods that took part in `MIN_SCENARIOS` suites, then the others, each by share.
     """
-    largest: dict[str, DataFigures] = {}
-    for of in figures:
-        if len(of.figures) > len(largest.setdefault(of.data, of).figures):
-            largest[of.data] = of
     shares: dict[str, dict[str, list[float]]] = {}
-    for suite, _, known in largest.values():
+    counted: set[str] = set()
+    for suite, frames, known in sorted(figures, key=lambda of: (-len(of.frames), -len(of.figures))):
+        if 2 * len(counted & frames) > len(frames):
+            continue
+        counted |= frames
         ranks = mid_ranks(np.array(list(known.values())))
         won = (len(known) - ranks) / max(len(known) - 1, 1)
         for name, share in zip(known, won, strict=True) if len(known) > 1 else ():

@@ -67,6 +67,18 @@ def columns_of(path: Path) -> set[str]:
         raise DataCorruptError(f"{path} cannot be read: run the suite again.") from error
 
 
+def metadata_of(path: Path) -> set[bytes]:
+    """Return the names of what the file at `path` holds beside its columns.
+
+    Raises:
+        DataCorruptError: it cannot be read.
+    """
+    try:
+        return set(pq.read_metadata(path).metadata or {})
+    except (OSError, ValueError) as error:
+        raise DataCorruptError(f"{path} cannot be read: run the suite again.") from error
+
+
 def _is_text(kind: pa.DataType) -> bool:
     known = (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary,
              pa.types.is_large_binary)  # fmt: skip

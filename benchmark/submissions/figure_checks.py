@@ -33,6 +33,9 @@ from eitbench.benchmark.submissions.submission import LEADERBOARD, Submission
 from eitbench.scenarios.similarity import Similarity
 from eitbench.scenarios.suites.scenario import RecordedScenario
 
+ADDED_BY_REPORTS = {"cites", "tier", "why_not"}
+"""Entries of a row of the leaderboard that no standing has."""
+
 COVERAGES = tuple(f"coverage_{level}" for level in LEVELS)
 
 CURVES_APART = 1e-5
@@ -195,6 +198,8 @@ def leaderboard_follows(of: Submission) -> str:
                     f"In {LEADERBOARD} the {name} of {row['method']!r} on {row['scenario']!r} is "
                     f"{there.get(name)}, and the samples give {value}."
                 )
+        if more := there.keys() - row.keys() - ADDED_BY_REPORTS:
+            return f"{LEADERBOARD} holds {min(more)!r}, which no run writes."
     return ""
 
 

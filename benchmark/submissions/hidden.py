@@ -367,9 +367,15 @@ def write_hidden(record: HiddenRecord, version: Path) -> Path:
                 f"{version} has a figure of {gap.method!r} on the hidden set of {gap.scenario!r} "
                 "already, and figures are never edited: run other methods, or make a new version."
             )
-    path = version / FOLDER / f"{record.suite}-{len(there) + 1}.json"
+    path = version / FOLDER / f"{record.suite}-{_last_number(version, record.suite) + 1}.json"
     atomic_write(path, (record.model_dump_json(indent=1) + "\n").encode())
     return path
+
+
+def _last_number(version: Path, suite: str) -> int:
+    names = (path.stem for path in (version / FOLDER).glob(f"{suite}-*.json"))
+    numbers = (name.removeprefix(f"{suite}-") for name in names)
+    return max((int(number) for number in numbers if number.isdecimal()), default=0)
 
 
 def _of_code(gap: Gap) -> tuple[str, str, str | None]:

@@ -27,7 +27,7 @@ from eitbench.benchmark.rundir.folder import unknown_entries
 from eitbench.benchmark.rundir.kinds import CONDITIONS, METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import TRUTH, names_in
 from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
-from eitbench.benchmark.rundir.tables import columns_of
+from eitbench.benchmark.rundir.tables import columns_of, metadata_of
 from eitbench.benchmark.submissions.statement import STATEMENT, read_statement, unfilled
 from eitbench.benchmark.submissions.submission import FILES, FOLDER, Submission
 from eitbench.methods.registry import METHOD_REGISTRY, usable_name
@@ -51,6 +51,20 @@ SAMPLE_COLUMNS = {
     *("message", *FIGURES, *TIMES, *UNCERTAINTY, *SCORES),
 }
 """Columns of the table of samples, beside those of our data."""
+
+
+TABLE_METADATA = {b"pandas", b"ARROW:schema"}
+
+MANIFEST_KEYS = {
+    *("format", "status", "command_line", "started", "finished", "resumed", "versions"),
+    *("machine", "git_commit", "calibration_ms", "jobs", "batch", "threads", "seeds", "plan"),
+    *("data", "skipped", "refused", "cells", "images", "rescored"),
+}
+
+CELL_KEYS = {"scenario", "name", "variant", "track", "parameters", "spent", "weights"}
+
+Code = tuple[str, ...]
+"""Digests of the copies of a plugin that a name is from; none for an installed package."""
 
 
 def holds_nothing_else(of: Submission) -> str:
@@ -144,7 +158,35 @@ def names_are_clear(of: Submission) -> str:
             )
         if known.setdefault(folded(name), name) != name:
             return f"{name!r} looks like {known[folded(name)]!r}: choose another name."
+    return _taken_by_another(of)
+
+
+def _taken_by_another(of: Submission) -> str:
+    """A name that another submission of the same version has, which is not of the same code."""
+    ours = _codes(of.run.manifest)
+    if of.run.path.resolve().parents[1].name != FOLDER:  # it is nowhere yet
+        return ""
+    for path in sorted(of.run.path.resolve().parents[1].glob(f"*/*/{manifests.FILE_NAME}")):
+        if path.parent == of.run.path.resolve():
+            continue
+        theirs = _codes(manifests.read(path.parent))
+        alike = {folded(name): name for name in theirs}
+        for name, code in ours.items():
+            other = alike.get(folded(name))
+            if other is not None and (other, theirs[other]) != (name, code):
+                return (
+                    f"The submission {path.parent.parent.name}/{path.parent.name} has {other!r}, "
+                    f"which is not the code of {name!r}: choose another name."
+                )
     return ""
+
+
+def _codes(manifest: manifests.Manifest) -> dict[str, Code]:
+    plan = manifest["plan"]
+    return {
+        name: tuple(of["sha256"] for of in plan["plugins"] if name in of["names"])
+        for name in plan["names"]
+    }
 
 
 def folded(name: str) -> str:
@@ -208,6 +250,14 @@ def files_hold_nothing_else(of: Submission) -> str:
     for table, known in ((SAMPLES, SAMPLE_COLUMNS | described), (METHOD_RUNS.table, CELL_COLUMNS)):
         if more := columns_of(run.path / table) - known:
             return f"{table} has a column {min(more)!r}, which no run writes: delete it."
+        if others := metadata_of(run.path / table) - TABLE_METADATA:
+            return f"{table} holds {min(others).decode(errors='replace')!r}, which no run writes."
+    for what, more in (
+        ("The manifest", run.manifest.keys() - MANIFEST_KEYS),
+        ("A cell of the manifest", set().union(*run.manifest["cells"]) - CELL_KEYS),
+    ):
+        if more:
+            return f"{what} holds {min(more)!r}, which no run writes: delete it."
     for scenario, data in of.data.items():
         attributes, arrays = data.truth()
         truth = f"{scenario}/{TRUTH}"

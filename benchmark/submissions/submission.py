@@ -32,15 +32,21 @@ FILES = (
 FOLDER = "submissions"
 """In a version of the leaderboard: SUITE/NAME is a submission."""
 
-TRUST = (
+STATED = (
     "times and memory (self-reported)",
+    "how plugins were tuned: track and trials",
+)
+"""What is taken on trust of every submission."""
+
+TRUST = (
+    *STATED,
     "that its version of eitbench was not changed",
     "what methods say of their prior knowledge and differences, what they were seen to do, "
     "parameters and weights of plugins",
     "that the images are what the methods make of the frames",
     "what methods state of their uncertainty and of novel frames",
 )
-"""What is taken on trust without a rerun; with one, the first only."""
+"""What is taken on trust without a rerun."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,7 @@ from eitbench import __version__
 from eitbench.benchmark import InputError, atomic_write, worker_pool, writing
 from eitbench.benchmark.analysis.results import Run, plugin_copies, read_run
 from eitbench.benchmark.metrics.specs import ANCHORS
+from eitbench.benchmark.rundir.manifest import FILE_NAME
 from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, CONTRAST_MAP, STYLE, to_png
 from eitbench.reports.findings.collect import findings
 from eitbench.reports.findings.finding import Finding
@@ -55,11 +56,16 @@ def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]
         The files, the page first; and what the runs lack, a sentence each, as on the page.
 
     Raises:
-        InputError, DataCorruptError: as for `read_run` and `report_of`, or there is a page of
-            somebody else in `out`.
+        InputError, DataCorruptError: as for `read_run` and `report_of`, `out` is a run directory,
+            or there is a page of somebody else in it.
         EitbenchError: the files cannot be written.
     """
     read = [read_run(run) for run in runs]
+    if (out / FILE_NAME).exists():
+        raise InputError(
+            f"{out} is a run directory, which holds what a run writes alone: choose another folder "
+            "with --out."
+        )
     check_own_page(out / PAGE)
     report, found, files = _both_parts(read, out)
     with writing(f"the report into {out}"):

@@ -102,6 +102,15 @@ class SuitePart:
         older = last_before(record)
         return in_words(changes(older, record), reasons(record.parent)) if older else []
 
+    @cached_property
+    def frames(self) -> dict[str, frozenset[str]]:
+        """By scenario, the hashes of its test frames."""
+        found: dict[str, frozenset[str]] = {}
+        for run in self.runs:
+            for scenario, rows in run.samples.groupby("scenario")["input_hash"]:
+                found[str(scenario)] = found.get(str(scenario), frozenset()) | frozenset(rows)
+        return found
+
     @property
     def file(self) -> str:
         """The path of its page, from the front page."""
@@ -177,9 +186,11 @@ class Edition:
 
     @cached_property
     def wins(self) -> list[WinsRow]:
-        """Methods over all suites of methods, every data set counting once."""
+        """Methods over all suites of methods, every frame counting once."""
         return wins_over_suites(
-            DataFigures(suite.name, board["data_hash"], suite.figures[board["scenario"]])
+            DataFigures(
+                suite.name, suite.frames[board["scenario"]], suite.figures[board["scenario"]]
+            )
             for suite in self.suites
             for board in suite.boards
             if board["kind"] == "method"
@@ -187,13 +198,10 @@ class Edition:
 
     @property
     def frames(self) -> int:
-        """Number of test frames of all suites; those of a data set count once."""
-        most: dict[str, int] = {}
-        for suite in self.suites:
-            for board in suite.boards:
-                data = board["data_hash"]
-                most[data] = max(board["n"], most.get(data, 0))
-        return sum(most.values())
+        """Number of test frames of all suites; one that several use counts once."""
+        return len(
+            frozenset().union(*(of for suite in self.suites for of in suite.frames.values()))
+        )
 
 
 def _names(parts: Iterable[SuitePart]) -> list[str]:
@@ -231,9 +239,10 @@ def editions(folder: Path) -> list[Edition]:
 
 def _edition(folder: Path, version: str) -> Edition:
     below = ("*", f"{SUBMISSIONS}/*/*")  # records or runs, and submissions
-    paths = sorted(
+    found = [
         path.parent for where in below for path in folder.glob(f"{where}/{manifest.FILE_NAME}")
-    )
+    ]
+    paths = sorted(found, key=lambda path: (is_submission(path), path))  # records come first
     if not paths:
         raise InputError(
             f"There is no run directory in {folder}: name the folder that holds them, not one of "

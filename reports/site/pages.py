@@ -85,12 +85,13 @@ def overall_table(edition: Edition) -> Table | None:
         rows.append(cells)
     note = (
         "A method is compared with every other one on each data set, by the figure that ranks "
-        "there. A data set that several suites use counts once, in the suite that has the most "
-        "methods on it. A suite counts as much as any other, and figures of different data sets "
-        "are never averaged. Intervals (95 %) are of a bootstrap over suites. Methods on fewer "
-        f"than {MIN_SCENARIOS} suites stand below the others, without an interval: they met few "
-        "opponents. Columns of suites hold the mean rank over all of their own scenarios and the "
-        "number of methods there. Green: in the first third of them; red: in the last third."
+        "there. Frames that several suites use count once, in the data set that has the most "
+        "frames and, of equals, the most methods. A suite counts as much as any other, and figures "
+        "of different data sets are never averaged. Intervals (95 %) are of a bootstrap over "
+        f"suites. Methods on fewer than {MIN_SCENARIOS} suites stand below the others, without an "
+        "interval: they met few opponents. Columns of suites hold the mean rank over all of their "
+        "own scenarios and the number of methods there. Green: in the first third of them; red: in "
+        "the last third."
     )
     return Table("Over all suites", heads, rows, note)
 

@@ -1,5 +1,6 @@
 """The columns of printed leaderboards, and how their numbers are written."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -211,12 +212,17 @@ def legend(columns: Sequence[Column], headings: Mapping[str, str] = MappingProxy
 
     Args:
         columns: those of a table.
-        headings: of columns that have another than their title there; the first line counts.
+        headings: of columns that have another than their title there; the first line counts, where
+            it tells them apart.
     """
     best: dict[str, list[str]] = {"↑": [], "↓": [], "": []}
     meanings = []
+    whole = {column.name: headings.get(column.name, column.title) for column in columns}
+    lines = Counter(heading.split("\n")[0] for heading in whole.values())
     for column in columns:
-        heading = headings.get(column.name, column.title).split("\n")[0]
+        heading = whole[column.name].split("\n")[0]
+        if lines[heading] > 1:
+            heading = whole[column.name].replace("\n", " ")
         best[column.arrow].append(heading)
         if meaning := _MEANINGS.get(column.name):
             meanings.append(f"{heading}: {meaning}")

@@ -79,15 +79,16 @@ def draw(table: pd.DataFrame, path: Path) -> None:
         at = of["solves"].clip(lower=0.5)
         shown = of["psnr_median"].clip(upper=TOP - 1)
         (line,) = axes.plot(at, shown, "o-")
-        exact = ", to the pixel" if of["psnr_median"].iloc[-1] > TOP else ""
+        reached = of["psnr_median"].iloc[-1]
+        exact = f" ↑ to the pixel: {reached:.0f} dB" if reached > TOP else ""
         axes.annotate(
             name + exact, (at.iloc[-1], shown.iloc[-1]), (8, -2), textcoords="offset points",
             color=line.get_color(), fontsize=8,
         )  # fmt: skip
     axes.set_xscale("log")
-    axes.set_xlim(0.4, 2000)
+    axes.set_xlim(0.4, 9000)
     axes.set_ylim(15, TOP)
-    axes.set_xticks([0.5, 1, 10, 100], ["0", "1", "10", "100"])
+    axes.set_xticks([0.5, 1, 10, 100, 1000], ["0", "1", "10", "100", "1,000"])
     axes.set_xlabel("forward solutions a frame")
     axes.set_ylabel("median PSNR [dB]")
     axes.grid(visible=True, alpha=0.3)

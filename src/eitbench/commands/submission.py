@@ -65,7 +65,7 @@ def check(
     from eitbench.benchmark.submissions.rerun import note_reproduced
     from eitbench.benchmark.submissions.rerun import rerun as run_again
     from eitbench.benchmark.submissions.statement import STATEMENT
-    from eitbench.benchmark.submissions.submission import TRUST, open_submission
+    from eitbench.benchmark.submissions.submission import STATED, TRUST, open_submission
     from eitbench.benchmark.submissions.tiers import reproduced_on
 
     submission = open_submission(run, jobs=jobs)
@@ -80,12 +80,13 @@ def check(
     _print_trust(submission)
     if rerun is None:
         if told := reproduced_on(submission.run):
-            typer.echo(f"Taken on trust: {TRUST[0]}. Run again before: {told}.")
+            typer.echo(f"Taken on trust: {'; '.join(STATED)}. Run again before: {told}.")
         else:
             typer.echo(f"Taken on trust: {'; '.join(TRUST)}. --rerun N runs the methods again.")
         typer.echo(f"Tier: {'reproduced' if told else 'self-reported'}")
     else:
-        typer.echo(f"Taken on trust: {TRUST[0]}. Noted in {note_reproduced(submission, rerun)}")
+        typer.echo(f"Taken on trust: {'; '.join(STATED)}.")
+        typer.echo(f"Noted in {note_reproduced(submission, rerun)}")
         typer.echo("Tier: reproduced")
     if (run / STATEMENT).is_file():
         typer.echo(f"{run} can be submitted.")

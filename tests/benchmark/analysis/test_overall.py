@@ -81,26 +81,34 @@ def test_the_ratio_to_a_guess_is_the_median_over_scenarios() -> None:
     assert {row.ratio for row in lacking.rows} == {None}
 
 
-def test_wins_count_each_data_set_once_in_the_suite_with_the_most_methods() -> None:
+def field(suite: str, frames: str, figures: dict[str, float]) -> DataFigures:
+    return DataFigures(suite, frozenset(frames.split()), figures)
+
+
+def test_wins_count_frames_once_where_there_are_the_most_of_them() -> None:
     shared = {"a": 1.0, "b": 2.0}
-    fields = [DataFigures("s1", "x", shared), DataFigures("s2", "x", {**shared, "c": 3.0})]
-    fields += [DataFigures(f"s{k}", "x", shared) for k in (3, 4, 5)]
+    fields = [field("s1", "x", shared), field("s2", "x", {**shared, "c": 3.0})]
+    fields += [field(f"s{k}", "x", shared) for k in (3, 4, 5)]
     rows = {row.method: row for row in wins_over_suites(fields)}
     assert {name: row.share for name, row in rows.items()} == {"a": 0.0, "b": 0.5, "c": 1.0}
     assert {(row.suites, row.data_sets, row.low) for row in rows.values()} == {(1, 1, None)}
+    more = field("s6", "x y z", {"a": 2.0, "b": 1.0})
+    rows = {row.method: row for row in wins_over_suites([*fields, more])}
+    assert {name: row.share for name, row in rows.items()} == {"a": 1.0, "b": 0.0}
+    apart = field("s7", "z u v", shared)  # most of its frames are its own
+    rows = {row.method: row for row in wins_over_suites([more, apart])}
+    assert {row.data_sets for row in rows.values()} == {2}
 
 
 def test_a_suite_counts_as_much_as_any_other_by_the_data_that_are_its_own() -> None:
-    fields = [DataFigures("one", f"x{k}", {"a": 2.0, "b": 1.0}) for k in range(3)]
-    fields += [DataFigures("two", data, {"a": 1.0, "b": 2.0}) for data in ("x0", "x1", "y")]
+    fields = [field("one", f"x{k}", {"a": 2.0, "b": 1.0}) for k in range(3)]
+    fields += [field("two", data, {"a": 1.0, "b": 2.0}) for data in ("x0", "x1", "y")]
     rows = {row.method: row for row in wins_over_suites(fields)}
     assert [rows["a"].share, rows["a"].suites, rows["a"].data_sets] == [0.5, 2, 4]
 
 
 def test_suites_that_share_their_data_make_no_interval_narrower() -> None:
-    fields = [
-        DataFigures(f"s{k}", f"x{k}", {"a": float(k % 2), "b": 0.5}) for k in range(MIN_SCENARIOS)
-    ]
-    again = [DataFigures(f"t{k}", "x1", {"a": 1.0, "b": 0.5}) for k in range(20)]
+    fields = [field(f"s{k}", f"x{k}", {"a": float(k % 2), "b": 0.5}) for k in range(MIN_SCENARIOS)]
+    again = [field(f"t{k}", "x1", {"a": 1.0, "b": 0.5}) for k in range(20)]
     assert wins_over_suites(fields + again) == wins_over_suites(fields)
     assert all(row.low is not None for row in wins_over_suites(fields))

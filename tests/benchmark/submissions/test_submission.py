@@ -11,6 +11,8 @@ from typing import Any
 import h5py
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from eitbench.benchmark.analysis.rescore import rescore
@@ -396,6 +398,48 @@ def test_what_was_edited_is_found(
     run = shutil.copytree(submitted, tmp_path / "mine")
     edit(run)
     assert words in problem(run, failed)
+
+
+def hide_in_a_table(run: Path) -> None:
+    table = pa.Table.from_pandas(pd.read_parquet(run / "samples.parquet"), preserve_index=False)
+    hidden = table.replace_schema_metadata({**table.schema.metadata, b"more": b"x" * 1000})
+    pq.write_table(hidden, run / "samples.parquet")
+
+
+@pytest.mark.parametrize(
+    ("edit", "failed", "words"),
+    [
+        (hide_in_a_table, CONTENT, "samples.parquet holds 'more', which no run writes"),
+        (edit_json(lambda m: m.update(more="x")), CONTENT, "The manifest holds 'more'"),
+        (edit_json(lambda m: m["cells"][0].update(more=1)), CONTENT, "A cell of the manifest"),
+        (
+            edit_json(lambda rows: rows[0].update(score_x=99), "leaderboard.json"),
+            BOARD,
+            "holds 'score_x', which no run writes",
+        ),
+    ],
+)
+def test_entries_that_no_run_writes_are_found(
+    submitted: Path, tmp_path: Path, edit: Edit, failed: str, words: str
+) -> None:
+    run = shutil.copytree(submitted, tmp_path / "mine")
+    edit(run)
+    assert words in problem(run, failed)
+
+
+def test_a_name_belongs_to_the_first_submission_that_has_it(
+    submitted: Path, tmp_path: Path
+) -> None:
+    """Two of the same code may have it, and two versions of the board."""
+    board = tmp_path / "2026.9" / "submissions"
+    first = shutil.copytree(submitted, board / "tiny" / "first")
+    second = shutil.copytree(submitted, board / "tiny" / "second")
+    assert problem(second, NAMES) == ""
+    plugin = {**A_PLUGIN, "names": ["my-noser"]}
+    edit_json(lambda m: m["plan"].update(plugins=[plugin]))(first)
+    assert "first has 'my-noser', which is not the code of 'my-noser'" in problem(second, NAMES)
+    other = shutil.copytree(submitted, tmp_path / "2026.8" / "submissions" / "tiny" / "third")
+    assert problem(other, NAMES) == ""
 
 
 def test_another_version_of_numpy_may_round_otherwise(submitted: Path, tmp_path: Path) -> None:
