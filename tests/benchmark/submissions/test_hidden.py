@@ -300,7 +300,10 @@ def test_a_record_is_kept_once_and_found_for_the_same_code_alone(
     tenth = more.model_copy(update={"made": "2027-01-01"})
     path.with_name("mine-10.json").write_text(tenth.model_dump_json())
     assert read_hidden(tmp_path) == [record, more, tenth]
-    path.with_name("mine-10.json").unlink()
+    last = tenth.gaps[0].model_copy(update={"method": "last"})
+    assert write_hidden(more.model_copy(update={"gaps": (last,)}), tmp_path).name == "mine-11.json"
+    for number in (10, 11):
+        path.with_name(f"mine-{number}.json").unlink()
     with pytest.raises(InputError, match="figures are never edited"):
         write_hidden(more, tmp_path)
     path.write_text(text.replace('"falls":true', '"falls":7').replace('"falls": true', '"falls":7'))

@@ -302,6 +302,8 @@ def test_methods_are_shown_with_what_they_were_told_source_and_code(
         content["git_commit"] = "0123456789abcdef"
     write_report([run], tmp_path / "out")
     write_report([run], tmp_path / "out")  # which replaces its own page
+    with pytest.raises(InputError, match="is a run directory, which holds what a run writes alone"):
+        write_report([run], run)
     (tmp_path / "mine").mkdir()
     mine = tmp_path / "mine" / "index.html"
     mine.write_text("<title>My page</title>")

@@ -19,6 +19,7 @@ from eitbench.benchmark.submissions.hidden import Gap, HiddenRecord, write_hidde
 from eitbench.benchmark.submissions.rerun import digest
 from eitbench.benchmark.submissions.sums import note_sums
 from eitbench.methods.registry import METHOD_REGISTRY
+from eitbench.reports.site.edition import editions
 from eitbench.reports.site.site import write_site
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.errors import InputError
@@ -210,9 +211,10 @@ def test_the_front_says_of_how_many_suites_there_is_a_record(board: Path, tmp_pa
 
 def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Path) -> None:
     secret, retired = (bytes([k]) * 32 for k in (1, 2))
+    scored = pd.read_parquet(board / "bench" / "samples.parquet").groupby("method")["score"].mean()
     gap = Gap(
         scenario="conductivity-set", method="good", code=None, figure="score", n=12, clusters=4,
-        open=5.0, hidden=4.0, difference=-1.0, low=-1.5, high=-0.5, p=0.001, falls=True,
+        open=0.0, hidden=4.0, difference=-1.0, low=-1.5, high=-0.5, p=0.001, falls=True,
     )  # fmt: skip
     keys = ""
     for k, (suite, key) in enumerate({"bench": retired, "other": secret}.items()):
@@ -225,7 +227,10 @@ def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Pat
             HiddenRecord(
                 suite="bench", key=sha256, made="2026-01-01", eitbench="0.2.0", git_commit=None,
                 data={"conductivity-set": ("3f2a1b9c", "1" * 64)},
-                gaps=tuple(gap.model_copy(update={"method": method}) for method in methods),
+                gaps=tuple(
+                    gap.model_copy(update={"method": method, "open": float(scored[method])})
+                    for method in methods
+                ),
             ),
             board,
         )  # fmt: skip
@@ -338,6 +343,15 @@ def test_a_method_has_one_row_over_all_suites_whatever_runs_hold_it(
     ]  # fmt: skip
     assert "Self-reported, not ranked" not in page
     assert "100% of its comparisons" in (out / "methods" / "mine.html").read_text()
+
+
+def test_a_record_comes_before_submissions_and_frames_count_once(board: Path) -> None:
+    shutil.move(board / "bench", board / "tank")  # after "submissions"
+    reproduced(board, "bench")
+    (edition,) = editions(board.parent)
+    (suite,) = edition.suites
+    assert [run.path.name for run in suite.runs] == ["tank", "bench"]
+    assert edition.frames == 12
 
 
 def test_a_reproduced_submission_does_not_replace_a_record_of_its_name(
