@@ -27,7 +27,8 @@ class Described:
         needs: module of `scenarios.extras` that it needs beyond a base installation; "" for none.
         expected_failures: checks of `eitbench check` that it fails by its nature, and why; one that
             passes nevertheless is a failure.
-        search: the values of each parameter that may be chosen on the validation split.
+        search: the values of each parameter that may be chosen on the validation split: numbers,
+            texts, truth values or None. Empty for a method that asks for that split in `fit`.
         tuned_as: the method whose selected parameters it takes, since its images are the same;
             "" where it has its own.
         differs: what else is different in software that is not ours, such as its electrode model

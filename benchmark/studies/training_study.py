@@ -141,7 +141,7 @@ def run_study(
         raise InputError(
             f"The study {name!r} chooses the numbers of samples itself: leave out --limit."
         )
-    _begin(out, {"study": name, **vars(budget), "data": scenario.data_hash("train")})
+    new = _begin(out, {"study": name, **vars(budget), "data": scenario.data_hash("train")})
     study = STUDIES[name]
     variants = [
         dict(zip(study.grid, values, strict=True))
@@ -154,6 +154,10 @@ def run_study(
                 joblib.delayed(_rows)(study, variant, budget, out, progress and jobs == 1)
                 for variant in variants
             )
+        except InputError:
+            if new:  # with other options the folder can be used
+                (out / "study.json").unlink()
+            raise
         except KeyboardInterrupt as stop:
             raise TrainingInterruptedError(
                 f"Interrupted: finished trainings and epochs are stored in {out}; the same command "
@@ -164,8 +168,12 @@ def run_study(
     return table
 
 
-def _begin(out: Path, settings: Mapping[str, Any]) -> None:
-    """Write the settings to `out`, or check that they are those of the study there."""
+def _begin(out: Path, settings: Mapping[str, Any]) -> bool:
+    """Write the settings to `out`, or check that they are those of the study there.
+
+    Returns:
+        True if the study is new.
+    """
     file = out / "study.json"
     if file.is_file():
         begun = read_json(file)
@@ -175,11 +183,12 @@ def _begin(out: Path, settings: Mapping[str, Any]) -> None:
                     f"{out} holds a study with {name} {begun.get(name)!r}, not {value!r}: choose "
                     "another folder with --out."
                 )
-        return
+        return False
     if out.exists() and any(out.iterdir()):
         raise InputError(f"{out} is not empty and holds no study: choose another folder.")
     out.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps(settings, indent=1) + "\n")
+    atomic_write(file, (json.dumps(settings, indent=1) + "\n").encode())
+    return True
 
 
 def _rows(
@@ -204,6 +213,8 @@ def _rows(
         except DivergedError:
             table = pd.DataFrame([{"scenario": ""}])
         atomic_write(finished, table.to_parquet())
+        for weights in folder.rglob("*.safetensors"):  # the learning curve stays
+            weights.unlink()
     return read_table(finished).assign(**variant)
 
 
@@ -214,7 +225,7 @@ def _label(variant: Variant) -> str:
 def _train_and_score(
     study: TrainingStudy, request: TrainingRequest, limit: int | None
 ) -> pd.DataFrame:
-    """Train and score; the learning curve stays, the weights are deleted."""
+    """Train and score."""
     training = train(request)
     about = json.loads(training.weights.with_suffix(".json").read_text())
     tables = []
@@ -226,8 +237,6 @@ def _train_and_score(
         table = evaluate(data, reconstructed(method, problem, data))[["sample", *METRICS]]
         table = table.assign(cluster=data.samples["cluster"], train_s=float(about["train_s"]))
         tables.append(table.assign(scenario=scenario.name))
-    for weights in training.weights.parent.glob("*.safetensors"):
-        weights.unlink()
     return pd.concat(tables, ignore_index=True)
 
 

@@ -37,6 +37,8 @@ if TYPE_CHECKING:  # the worker does without
 PARTS = 3
 """A trial is scored on the first third of its frames, on two thirds, on all."""
 SET_UP_LIMIT_S = 60.0
+SEARCHED = (bool, int, float, str, type(None))
+"""What values of `search` are: they are kept as JSON, which has no tuples."""
 
 
 class TrialService(MethodService):
@@ -49,7 +51,12 @@ class TrialService(MethodService):
         if not search:
             return Reply(None, 0.0)
         made = create(self.method)
-        for name in search:
+        for name, values in search.items():
+            if wrong := [v for v in values if not isinstance(v, SEARCHED)]:
+                raise InputError(
+                    f"Method {self.method!r} lists {wrong[0]!r} for {name!r} in `search`: values "
+                    "are numbers, texts, truth values or None."
+                )
             if not hasattr(made, name):
                 raise InputError(
                     f"Method {self.method!r} lists {name!r} in `search`, and has no such "

@@ -53,7 +53,7 @@ class LatentFlowMethod(TrainedMethod):
         """See `TrainedMethod`."""
         import torch
 
-        from eitbench.methods.networks.latent_flow import COMPONENTS, LatentFlow
+        from eitbench.methods.networks.latent_flow import LatentFlow
 
         self._network = LatentFlow(problem.sensor.n_measurements, problem.mask.shape)
         self._network.load_state_dict(tensors)
@@ -61,7 +61,8 @@ class LatentFlowMethod(TrainedMethod):
         self._motions = motions(problem.sensor, problem.jacobian)
         # The same numbers for every frame and motion: images move with their frames.
         rng = np.random.default_rng(0)
-        normal = rng.standard_normal((-(-DRAWN // len(self._motions)), COMPONENTS))
+        count = len(self._network.components)
+        normal = rng.standard_normal((-(-DRAWN // len(self._motions)), count))
         self._normal = torch.from_numpy(normal).float()
 
     def relative(self, difference: Array) -> Images:

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from eitbench.methods.networks.latent_flow import COMPONENTS, LatentFlow
+from eitbench.methods.networks.latent_flow import LatentFlow
 from eitbench.methods.training.augmentation import Augmentation, symmetries
 from eitbench.methods.training.loop import Data, TrainingTask
 from eitbench.methods.training.samples import images, nominal_problem
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from eitbench.methods.training.job import TrainingJob, TrainingResult
 
 SEEN_FIRST = 2000
-"""Training samples, each under every symmetry, that components are taken from."""
+"""Training samples that components are taken from, each as often as there are symmetries, under one
+that is drawn."""
 
 
 class FlowTask(TrainingTask):
@@ -41,7 +42,7 @@ class FlowTask(TrainingTask):
         else:
             difference, truth = batch
         density = self.network.log_density(self.network.encoded(truth - 1), difference)
-        return -density.mean() / COMPONENTS
+        return -density.mean() / len(self.network.components)
 
 
 def train_latent_flow(job: TrainingJob) -> TrainingResult:

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor, nn
 
 COMPONENTS, MEASURED = 96, 64
-"""Principal components of images, and of frames."""
+"""Principal components of images, and of frames; fewer where there are not as many pixels or
+measurements."""
 COUPLINGS, WIDTH = 8, 192
 """Steps of the flow, and units of the layers in each."""
 LARGEST = 2.0
@@ -37,27 +38,28 @@ class LatentFlow(nn.Module):
         super().__init__()
         self.image_shape = image_shape
         pixels = math.prod(image_shape)
-        self.register_buffer("components", torch.zeros(COMPONENTS, pixels))
+        count, measured = min(COMPONENTS, pixels), min(MEASURED, n_measurements)
+        self.register_buffer("components", torch.zeros(count, pixels))
         self.register_buffer("mean", torch.zeros(pixels))
-        self.register_buffer("seen", torch.zeros(n_measurements, MEASURED))
+        self.register_buffer("seen", torch.zeros(n_measurements, measured))
         # Strong and weak components lie in both halves; which is changed alternates.
-        even = torch.arange(COMPONENTS) % 2 == 0
-        order = [even, ~even, torch.arange(COMPONENTS) % 4 < 2, torch.arange(COMPONENTS) % 4 >= 2]
+        number = torch.arange(count)
+        order = [number % 2 == 0, number % 2 != 0, number % 4 < 2, number % 4 >= 2]
         halves = torch.stack([order[k % len(order)] for k in range(COUPLINGS)])
         self.register_buffer("halves", halves, persistent=False)
         self.context = nn.Sequential(
-            nn.Linear(MEASURED, 2 * WIDTH), nn.GELU(), nn.Linear(2 * WIDTH, 2 * WIDTH), nn.GELU(),
+            nn.Linear(measured, 2 * WIDTH), nn.GELU(), nn.Linear(2 * WIDTH, 2 * WIDTH), nn.GELU(),
             nn.Linear(2 * WIDTH, WIDTH), nn.GELU(),
         )  # fmt: skip
-        self.couplings = nn.ModuleList(_Coupling() for _ in range(COUPLINGS))
+        self.couplings = nn.ModuleList(_Coupling(count) for _ in range(COUPLINGS))
 
     def start_from(self, images: Tensor, differences: Tensor) -> None:
         """Take components from contrasts (n, H, W) over the background and frames (n, M) [V/A]."""
         flat = images.flatten(1)
         self.mean.copy_(flat.mean(0))
-        _, spread, axes = torch.svd_lowrank(flat - self.mean, COMPONENTS, niter=6)
+        _, spread, axes = torch.svd_lowrank(flat - self.mean, len(self.components), niter=6)
         self.components.copy_((axes * spread / math.sqrt(len(flat))).T)
-        _, spread, axes = torch.svd_lowrank(differences, MEASURED, niter=6)
+        _, spread, axes = torch.svd_lowrank(differences, self.seen.shape[1], niter=6)
         self.seen.copy_(axes / (spread / math.sqrt(len(differences))))
 
     def encoded(self, images: Tensor) -> Tensor:
@@ -77,7 +79,8 @@ class LatentFlow(nn.Module):
             log_factor, shift = coupling(torch.where(half, z, 0.0), context)
             z = torch.where(half, z, (z - shift) * (-log_factor).exp())
             volume = volume - torch.where(half, 0.0, log_factor).sum(1)
-        density: Tensor = volume - z.square().sum(1) / 2 - COMPONENTS / 2 * math.log(2 * math.pi)
+        constant = len(self.components) / 2 * math.log(2 * math.pi)
+        density: Tensor = volume - z.square().sum(1) / 2 - constant
         return density
 
     def draws(self, normal: Tensor, difference: Tensor) -> Tensor:
@@ -88,18 +91,18 @@ class LatentFlow(nn.Module):
         for half, coupling in reversed(list(zip(self.halves, self.couplings, strict=True))):
             log_factor, shift = coupling(torch.where(half, z, 0.0), context)
             z = torch.where(half, z, z * log_factor.exp() + shift)
-        return self.decoded(z.reshape(frames, count, COMPONENTS))
+        return self.decoded(z.reshape(frames, count, -1))
 
 
 class _Coupling(nn.Module):
     """Logarithms of factors, and shifts (n, K) each, from half of z and the context; 0 at first."""
 
-    def __init__(self) -> None:
+    def __init__(self, components: int) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Linear(COMPONENTS + WIDTH, WIDTH), nn.GELU(), nn.Linear(WIDTH, WIDTH), nn.GELU(),
+            nn.Linear(components + WIDTH, WIDTH), nn.GELU(), nn.Linear(WIDTH, WIDTH), nn.GELU(),
         )  # fmt: skip
-        self.leave = nn.Linear(WIDTH, 2 * COMPONENTS)
+        self.leave = nn.Linear(WIDTH, 2 * components)
         nn.init.zeros_(self.leave.weight)
         nn.init.zeros_(self.leave.bias)
 

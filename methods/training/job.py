@@ -356,6 +356,8 @@ class TrainingJob:
             return None
         if metadata.get("begun_from") != self.settings.get("begun_from"):
             return None
+        if float(metadata.get("gain_power", 0.0)) != self.request.gain_power:
+            return None  # they take other inputs
         new = task.network
         try:
             with torch.random.fork_rng():  # a new network draws weights, to be replaced

@@ -5,7 +5,7 @@ Run: python docs/studies/symmetries/measure.py SAMPLES OUT.csv
 The first SAMPLES of the validation split of `paper` (half clean, the others from 30 to 60 dB)
 are reconstructed by every trained method with all symmetries of the sensor and with the identity
 alone. `psnr_one` and `psnr` are the mean PSNR [dB] without and with, `gain` is the mean difference
-with its 95 % interval over samples, `ms_one` and `ms` are the processor's time for a frame, one
+with its 95 % interval over sessions, `ms_one` and `ms` are the processor's time for a frame, one
 thread, in batches, and `weights` the SHA-256 of the weights.
 """
 

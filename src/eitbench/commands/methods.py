@@ -1,6 +1,7 @@
 """Commands that make, train, tune and check methods."""
 
 import json
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -316,5 +317,6 @@ def new_method_command(
     written = new_method(name, folder, learned=learned)
     for path in written:
         typer.echo(str(path))
-    train = f" && python {written[2]}" if learned else ""
-    typer.echo(f"Next: pip install -e {written[0].parent}{train} && eitbench check {name}")
+    train = f" && python {shlex.quote(str(written[2]))}" if learned else ""
+    package = shlex.quote(str(written[0].parent))
+    typer.echo(f"Next: pip install -e {package}{train} && eitbench check {name}")

@@ -232,6 +232,18 @@ def test_scenarios_of_unlike_spread_weigh_alike() -> None:
     assert (offset, scale) == pytest.approx((background.mean(), background.std()))
 
 
+def test_a_search_over_values_that_json_does_not_keep_is_refused(tmp_path: Path) -> None:
+    """A tuple would come back as a list, to the method and to every later run."""
+    plugin = tmp_path / "odd.py"
+    plugin.write_text(FAILS.replace("= {", "= {'widths': ((1, 2), (3, 4)), "))
+    assert "widths" in plugin.read_text()
+    plan = make_plan(suite(SMALL), methods=["fails"], plugins=[plugin])
+    with pytest.raises(
+        InputError, match=r"'fails' lists \(1, 2\) for 'widths' in `search`: values"
+    ):
+        list(tune(plan, tmp_path / "out"))
+
+
 def test_a_search_over_a_parameter_that_does_not_exist_is_refused(tmp_path: Path) -> None:
     plugin = tmp_path / "odd.py"
     plugin.write_text(FAILS.replace("weight: float", "strength: float"))

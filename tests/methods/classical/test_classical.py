@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tests.support.small_sensors import clean_problem, touch
 
 from eitbench.methods import create
+from eitbench.methods.classical.gauss_newton import GaussNewtonNoser
 from eitbench.methods.classical.linearisation import VARIABLES, Linearisation, Variable
 from eitbench.methods.classical.noser import noser_covariance
 from eitbench.scenarios.catalogue import sensor
@@ -116,6 +117,27 @@ def test_gauss_newton_fits_the_data_better_than_one_step() -> None:
         misfit[name] = np.linalg.norm(predicted - frame)
     assert misfit["gauss-newton-noser"] < 0.3 * misfit["noser"]
     assert misfit["gauss-newton-tv"] < 0.3 * misfit["noser"]
+
+
+def test_gauss_newton_steps_lower_the_cost_that_they_are_tested_by() -> None:
+    """The first step minimises the linearised cost: along it the slope at the background is -2
+    (|J x|^2 / w + x^T C^-1 x), which no cost with another weight of the prior has."""
+    s = foam(20)
+    p = clean_problem(s)
+    frame = forward_model(s).voltages(touch(s, (0.04, 0.055), 0.018, 0.8))
+    method = GaussNewtonNoser(weight=0.1)
+    method.fit(p)
+    target = method._linearisation.data(frame[None])[0] @ method._compression.T + method._expected
+    sensitivity, data = method.linearised(np.zeros(400), target)
+    jacobian = sensitivity.reshape(len(sensitivity), -1)
+    covariance = noser_covariance(method._compression @ method._linearisation.jacobian)
+    weight = 0.1 * np.trace((jacobian * covariance) @ jacobian.T) / len(jacobian)
+    normal = jacobian.T @ jacobian / weight + np.diag(1 / covariance)
+    x = np.linalg.solve(normal, jacobian.T @ data / weight)
+    step = 1e-4
+    slope = (method._cost(step * x, target) - method._cost(-step * x, target)) / (2 * step)
+    expected = -2 * (np.sum((jacobian @ x) ** 2) / weight + x @ (x / covariance))
+    assert slope == pytest.approx(expected, rel=1e-3)
 
 
 def test_greit_keeps_the_area_of_small_targets() -> None:

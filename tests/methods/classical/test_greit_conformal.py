@@ -86,6 +86,24 @@ def test_draws_are_spots_where_touches_nearby_were() -> None:
     assert abs(found[1, 1] - 0.05) < pixel
 
 
+def test_errors_move_places_towards_the_true_ones() -> None:
+    """Where images are all off to one side, the draws lie on the other side of them."""
+    method, problem = fitted(TOUCHES)
+    method._errors = method._errors - method._errors.mean(axis=0) + [0.01, 0.0]
+    data = load(TOUCHES, "test", 20)
+    found = locate(method.reconstruct(data.voltages), data.sensor, problem.background)
+    drawn = [
+        locate(of, data.sensor, problem.background) for of in method.uncertainty(data.voltages)
+    ]
+    assert np.median(np.mean(drawn, axis=1)[:, 0] - found[:, 0]) > 0.005
+    # Validation touches themselves, with the errors that are theirs.
+    fresh, _ = fitted(TOUCHES)
+    seen = load(TOUCHES, "validation")
+    assert seen.conductivity is not None
+    true = locate(seen.conductivity - 1, seen.sensor)
+    np.testing.assert_allclose(fresh._found + fresh._errors, true, atol=1e-12)
+
+
 def test_images_and_parameters_are_those_of_greit() -> None:
     method, problem = fitted(TOUCHES)
     greit = create("greit")

@@ -5,6 +5,7 @@ import pytest
 from torch.utils.data import DataLoader
 
 from eitbench.methods import create
+from eitbench.methods.learned.linear_maps import LinearTouch
 from eitbench.methods.problem import Problem
 from eitbench.methods.training.torch_data import training_data
 from eitbench.scenarios.data.datasets import load
@@ -51,6 +52,18 @@ def test_what_is_learned_does_not_depend_on_the_gain_of_another_sensor(name: str
         images.append(method.reconstruct(gain * test.voltages))
     np.testing.assert_allclose(images[1], images[0], rtol=1e-9)
     assert np.ptp(images[0]) > 0.05
+
+
+def test_linear_touch_shows_touches_of_its_training_as_strong_as_they_are() -> None:
+    """The images that it makes of the frames it learned from have a slope of 1 to the true ones."""
+    train = load(SMALL, split="train")
+    problem = Problem(train.sensor, train.references[0], lambda of, n: load(SMALL, of, n))
+    method = LinearTouch()
+    method.fit(problem)
+    assert train.conductivity is not None
+    true = (train.conductivity / problem.background - 1)[:, problem.mask]
+    shown = problem.differences(train) @ method._matrix
+    assert np.vdot(shown, true) / np.vdot(shown, shown) == pytest.approx(1)
 
 
 def test_the_test_split_is_not_for_learning() -> None:
