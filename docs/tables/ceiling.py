@@ -1,10 +1,12 @@
 """Tables of the ceiling, from the record that comes with eitbench."""
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from docs.tables.record import STUDIES, printed
 
-from eitbench.benchmark.ceiling.drawing import told
+from eitbench.benchmark.ceiling.drawing import known_of, told
 from eitbench.benchmark.ceiling.figures import TRACES, summary
 from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.scenarios.suites.suite import load_suite
@@ -31,16 +33,22 @@ _CHECKS = {
 
 def frames(suite: str = "noise") -> pd.DataFrame:
     """Return the recorded frames of a suite, scenario after scenario; clean ones at 70 dB."""
-    scenarios = map(told, load_suite(suite).scenarios)
-    return pd.concat([recorded_frames(of.name, of.data_hash("test")) for of in scenarios])
+    known, _ = known_of(load_suite(suite).scenarios)
+    return pd.concat([recorded_frames(of.name, of.data_hash("test")) for of in map(told, known)])
 
 
 def _figures(suite: str, columns: dict[str, tuple[str, str]]) -> str:
     rows = [
-        [f"{row['snr_db']:g} dB", *(f"{row[name]:{form}}" for name, (_, form) in columns.items())]
+        [_level(suite, row), *(f"{row[name]:{form}}" for name, (_, form) in columns.items())]
         for row in summary(frames(suite)).to_dict("records")
     ]
     return printed(["", *(head for head, _ in columns.values())], rows)
+
+
+def _level(suite: str, row: dict[str, Any]) -> str:
+    """What tells the scenarios of a suite apart: the noise, and on rungs their name."""
+    rung = str(row["scenario"]).removeprefix(f"{suite}-").split("-at-")[0]
+    return f"{rung}, {row['snr_db']:g} dB" if suite == "sim2real" else f"{row['snr_db']:g} dB"
 
 
 def _below(suite: str) -> str:
@@ -121,6 +129,8 @@ TABLES = {
     "ceiling": lambda: _figures("noise", _COLUMNS),
     "ceiling checks": lambda: _figures("noise", _CHECKS),
     "below the ceiling": lambda: _below("noise"),
+    "ceiling of rungs": lambda: _figures("sim2real", _COLUMNS),
+    "ceiling checks of rungs": lambda: _figures("sim2real", _CHECKS),
     "ceiling of shapes": lambda: _figures("shapes", _COLUMNS),
     "ceiling checks of shapes": lambda: _figures("shapes", _CHECKS),
     "ceiling of shapes by family": lambda: _by_family("shapes"),
