@@ -169,7 +169,8 @@ def test_from_a_run_to_a_submission_that_was_reproduced(eitbench: Command, tmp_p
     assert "Tier: reproduced" in printed
     assert "times and memory (self-reported)" in printed
     code, printed, _ = eitbench("leaderboard", out)
-    assert "tier of mine: reproduced on 30 of 30 samples (its times are self-" in printed
+    tier = "tier of mine: reproduced on 4 of 30 samples (its times are self-reported)"
+    assert tier in " ".join(printed.split())  # wherever lines break
     shutil.rmtree(out / "plugins", ignore_errors=True)
     code, _, err = eitbench("submission", "make", run, "--out", out)
     assert code == 2
