@@ -168,3 +168,15 @@ def test_a_study_that_is_terminated_leaves_no_process(budget: StudyBudget, tmp_p
     assert "the same command continues" in said
     for pid in workers:
         wait_for(partial(has_ended, pid))
+
+
+def test_a_study_that_is_refused_leaves_its_folder_to_another(
+    budget: StudyBudget, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> pd.DataFrame:
+        raise InputError("100 training samples are too few.")
+
+    monkeypatch.setattr(module, "_rows", refused)
+    for limit in (100, 128):
+        with pytest.raises(InputError, match="are too few"):
+            run_study("beta", replace(budget, limit=limit), tmp_path / "study")

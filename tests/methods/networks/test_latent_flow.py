@@ -40,6 +40,14 @@ def test_density_is_that_of_normal_numbers_over_the_volume(flow: LatentFlow) -> 
     assert abs(float(volume)) > 1  # it does bend
 
 
+def test_a_sensor_of_few_measurements_and_pixels_has_fewer_components() -> None:
+    flow = LatentFlow(40, (8, 8))
+    flow.start_from(torch.randn(200, 8, 8), torch.randn(200, 40))
+    assert (flow.components.shape, flow.seen.shape) == ((64, 64), (40, 40))
+    assert flow.draws(torch.randn(3, 64), torch.randn(2, 40)).shape == (2, 3, 8, 8)
+    assert flow.log_density(torch.randn(2, 64), torch.randn(2, 40)).shape == (2,)
+
+
 def test_components_are_those_of_principal_component_analysis(flow: LatentFlow) -> None:
     """Of as many as there are, beside NumPy's; images within their span come back."""
     generator = torch.Generator().manual_seed(3)
