@@ -162,8 +162,8 @@ class WinsRow:
 def wins_over_suites(figures: Iterable[DataFigures]) -> list[WinsRow]:
     """Share of comparisons that each method wins, a suite counting as much as any other.
 
-    Frames count once: a data set of which another one that counts holds the most frames is left
-    out. Data sets with the most frames come first, of equals those with the most methods. Methods
+    Frames count once: a data set is left out if most of its frames are in others that count. Data
+    sets with the most frames come first, of equals those with the most methods. Methods
     that only others have win and lose nothing there.
 
     On a data set of k methods one with the rank r (1 for the best, equals sharing theirs) wins

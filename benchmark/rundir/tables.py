@@ -61,10 +61,7 @@ def columns_of(path: Path) -> set[str]:
     Raises:
         DataCorruptError: it cannot be read.
     """
-    try:
-        return set(pq.read_schema(path).names)
-    except (OSError, ValueError) as error:  # pyarrow's own errors are of these kinds
-        raise DataCorruptError(f"{path} cannot be read: run the suite again.") from error
+    return set(_footer(path).schema.names)
 
 
 def metadata_of(path: Path) -> set[bytes]:
@@ -73,9 +70,13 @@ def metadata_of(path: Path) -> set[bytes]:
     Raises:
         DataCorruptError: it cannot be read.
     """
+    return set(_footer(path).metadata or {})
+
+
+def _footer(path: Path) -> pq.FileMetaData:
     try:
-        return set(pq.read_metadata(path).metadata or {})
-    except (OSError, ValueError) as error:
+        return pq.read_metadata(path)
+    except (OSError, ValueError) as error:  # pyarrow's own errors are of these kinds
         raise DataCorruptError(f"{path} cannot be read: run the suite again.") from error
 
 

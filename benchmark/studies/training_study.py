@@ -155,7 +155,8 @@ def run_study(
                 for variant in variants
             )
         except InputError:
-            if new:  # with other options the folder can be used
+            # Where nothing was trained yet, other options may be right.
+            if new and not any(out.glob(f"*/{SAMPLES}")):
                 (out / "study.json").unlink()
             raise
         except KeyboardInterrupt as stop:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 import unicodedata
+from pathlib import Path
 
 import numpy as np
 from packaging.version import InvalidVersion, Version
@@ -31,6 +32,7 @@ from eitbench.benchmark.rundir.tables import columns_of, metadata_of
 from eitbench.benchmark.submissions.statement import STATEMENT, read_statement, unfilled
 from eitbench.benchmark.submissions.submission import FILES, FOLDER, Submission
 from eitbench.methods.registry import METHOD_REGISTRY, usable_name
+from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.storage.files import sha256_of
 from eitbench.scenarios.suites.suite import load_suite, suites
 
@@ -64,7 +66,7 @@ MANIFEST_KEYS = {
 CELL_KEYS = {"scenario", "name", "variant", "track", "parameters", "spent", "weights"}
 
 Code = tuple[str, ...]
-"""Digests of the copies of a plugin that a name is from; none for an installed package."""
+"""Digests of the copies of the plugin that a name is from; of a package, its stated address."""
 
 
 def holds_nothing_else(of: Submission) -> str:
@@ -163,13 +165,17 @@ def names_are_clear(of: Submission) -> str:
 
 def _taken_by_another(of: Submission) -> str:
     """A name that another submission of the same version has, which is not of the same code."""
-    ours = _codes(of.run.manifest)
-    if of.run.path.resolve().parents[1].name != FOLDER:  # it is nowhere yet
+    here = of.run.path.resolve()
+    if here.parent.parent.name != FOLDER:  # it is nowhere yet
         return ""
-    for path in sorted(of.run.path.resolve().parents[1].glob(f"*/*/{manifests.FILE_NAME}")):
-        if path.parent == of.run.path.resolve():
+    ours = _codes(here)
+    for path in sorted(here.parent.parent.glob(f"*/*/{manifests.FILE_NAME}")):
+        if path.parent == here:
             continue
-        theirs = _codes(manifests.read(path.parent))
+        try:
+            theirs = _codes(path.parent)
+        except EitbenchError:  # one that is damaged is in nobody's way
+            continue
         alike = {folded(name): name for name in theirs}
         for name, code in ours.items():
             other = alike.get(folded(name))
@@ -181,10 +187,12 @@ def _taken_by_another(of: Submission) -> str:
     return ""
 
 
-def _codes(manifest: manifests.Manifest) -> dict[str, Code]:
-    plan = manifest["plan"]
+def _codes(submission: Path) -> dict[str, Code]:
+    """Where the code of each method is: in a copy of a plugin, or at the address that is stated."""
+    plan = manifests.read(submission)["plan"]
+    stated = (str(read_statement(submission).code),)
     return {
-        name: tuple(of["sha256"] for of in plan["plugins"] if name in of["names"])
+        name: tuple(of["sha256"] for of in plan["plugins"] if name in of["names"]) or stated
         for name in plan["names"]
     }
 

@@ -220,6 +220,12 @@ def with_an_index(table: pd.DataFrame) -> pd.DataFrame:
     return table.set_axis([f"text {k}" for k in table.index])
 
 
+def hide_in_a_table(run: Path) -> None:
+    table = pa.Table.from_pandas(pd.read_parquet(run / "samples.parquet"), preserve_index=False)
+    hidden = table.replace_schema_metadata({**table.schema.metadata, b"more": b"x" * 1000})
+    pq.write_table(hidden, run / "samples.parquet")
+
+
 def another_name(name: str) -> Edit:
     return edit_json(lambda m: m["plan"]["names"].append(name))
 
@@ -245,6 +251,14 @@ def copy_the_truth(run: Path, method: str = "my-noser") -> None:
             set_in_a_row("psnr", 60.0),
             FIGURES,
             "1 of 5 samples of 'my-noser' on 'tiny' have other figures",
+        ),
+        (hide_in_a_table, CONTENT, "samples.parquet holds 'more', which no run writes"),
+        (edit_json(lambda m: m.update(more="x")), CONTENT, "The manifest holds 'more'"),
+        (edit_json(lambda m: m["cells"][0].update(more=1)), CONTENT, "A cell of the manifest"),
+        (
+            edit_json(lambda rows: rows[0].update(score_x=99), "leaderboard.json"),
+            BOARD,
+            "holds 'score_x', which no run writes",
         ),
         (set_in_curves(lambda c: c["ranks"].insert(0, c["ranks"].pop())), CURVES, "do not follow"),
         (set_in_curves(lambda c: c["sparsified"].reverse()), CURVES, "do not follow"),
@@ -400,46 +414,31 @@ def test_what_was_edited_is_found(
     assert words in problem(run, failed)
 
 
-def hide_in_a_table(run: Path) -> None:
-    table = pa.Table.from_pandas(pd.read_parquet(run / "samples.parquet"), preserve_index=False)
-    hidden = table.replace_schema_metadata({**table.schema.metadata, b"more": b"x" * 1000})
-    pq.write_table(hidden, run / "samples.parquet")
-
-
-@pytest.mark.parametrize(
-    ("edit", "failed", "words"),
-    [
-        (hide_in_a_table, CONTENT, "samples.parquet holds 'more', which no run writes"),
-        (edit_json(lambda m: m.update(more="x")), CONTENT, "The manifest holds 'more'"),
-        (edit_json(lambda m: m["cells"][0].update(more=1)), CONTENT, "A cell of the manifest"),
-        (
-            edit_json(lambda rows: rows[0].update(score_x=99), "leaderboard.json"),
-            BOARD,
-            "holds 'score_x', which no run writes",
-        ),
-    ],
-)
-def test_entries_that_no_run_writes_are_found(
-    submitted: Path, tmp_path: Path, edit: Edit, failed: str, words: str
-) -> None:
-    run = shutil.copytree(submitted, tmp_path / "mine")
-    edit(run)
-    assert words in problem(run, failed)
-
-
-def test_a_name_belongs_to_the_first_submission_that_has_it(
+def test_a_name_is_of_one_code_among_the_submissions_of_a_version(
     submitted: Path, tmp_path: Path
 ) -> None:
-    """Two of the same code may have it, and two versions of the board."""
-    board = tmp_path / "2026.9" / "submissions"
-    first = shutil.copytree(submitted, board / "tiny" / "first")
-    second = shutil.copytree(submitted, board / "tiny" / "second")
-    assert problem(second, NAMES) == ""
+    """A package is known by the address that its author states, a plugin by its digest."""
+
+    def placed(name: str, code: str, version: str = "2026.9") -> Path:
+        path = tmp_path / version / "submissions" / "tiny" / name
+        shutil.copytree(submitted, path)
+        (path / "submission.json").write_text(json.dumps({"code": f"https://example.org/{code}"}))
+        return path
+
+    def clear(path: Path) -> str:
+        return run_checks.names_are_clear(open_submission(path))
+
+    first, second = placed("first", "mine"), placed("second", "mine")
+    assert clear(second) == ""
+    assert clear(placed("other-version", "other", "2026.8")) == ""
+    other = placed("third", "other")
+    assert "tiny/first has 'my-noser', which is not the code of 'my-noser'" in clear(other)
+    (first / "submission.json").write_text("{")
+    (second / "submission.json").write_text("{")
+    assert clear(other) == ""  # damaged ones are in nobody's way
     plugin = {**A_PLUGIN, "names": ["my-noser"]}
-    edit_json(lambda m: m["plan"].update(plugins=[plugin]))(first)
-    assert "first has 'my-noser', which is not the code of 'my-noser'" in problem(second, NAMES)
-    other = shutil.copytree(submitted, tmp_path / "2026.8" / "submissions" / "tiny" / "third")
-    assert problem(other, NAMES) == ""
+    edit_json(lambda m: m["plan"].update(plugins=[plugin]))(placed("fourth", "other"))
+    assert "tiny/fourth has 'my-noser'" in clear(other)
 
 
 def test_another_version_of_numpy_may_round_otherwise(submitted: Path, tmp_path: Path) -> None:
