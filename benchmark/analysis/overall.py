@@ -19,8 +19,8 @@ from scipy import stats
 from eitbench.benchmark.metrics.statistics import LEVEL, bootstrap, medians
 from eitbench.scenarios.arrays import Array
 
-MIN_SCENARIOS = 5
-"""Fewer say too little of how much they differ among themselves."""
+MIN_SCENARIOS = 6
+"""Of fewer, no interval of a median holds 95 %: all lie on one side of it once in 16 times."""
 _DIGITS = 9  # that count in a figure
 
 
@@ -32,7 +32,8 @@ class OverallRow:
         rank, rank_low, rank_high: mean over the scenarios, 1 for the best, equals sharing theirs,
             and its 95 % interval.
         wins, wins_low, wins_high: share of the scenarios on which it is the best, equals sharing a
-            win, and its 95 % interval.
+            win, and its 95 % interval. Methods with the same figure on every scenario, such as
+            those with the same images, share their rank and wins, and count as one for the others.
         ratio, ratio_low, ratio_high: median over the scenarios of its error over that of a blind
             guess, and its 95 % interval; None where a scenario has no guess.
     """
@@ -95,10 +96,13 @@ def overall(
     if n < 2 or k < 2:
         return None
     table = np.array([[of[name] for name in names] for of in figures.values()])
-    ranks = mid_ranks(table)
+    # Names of the same method would push the others down and share their own wins.
+    distinct, of_distinct = np.unique(np.round(table, _DIGITS), axis=1, return_inverse=True)
+    ranks = mid_ranks(distinct)
     first = ranks == ranks.min(axis=1, keepdims=True)
     wins = first / first.sum(axis=1, keepdims=True)
-    both = np.hstack([ranks, wins])
+    k_distinct = ranks.shape[1]
+    both = np.hstack([ranks[:, of_distinct], wins[:, of_distinct]])
     mean = both.mean(axis=0)
     ends: list[tuple[float | None, float | None]] = [(None, None)] * (2 * k)
     if n >= MIN_SCENARIOS:
@@ -114,12 +118,12 @@ def overall(
         OverallRow(names[j], float(mean[j]), *ends[j], float(mean[k + j]), *ends[k + j], *ratios[j])
         for j in range(k)
     ]
-    quantile = stats.studentized_range.ppf(LEVEL, k, np.inf) / np.sqrt(2)
-    varies = k > 2 and bool(np.ptp(ranks, axis=1).any())
+    quantile = stats.studentized_range.ppf(LEVEL, max(k_distinct, 2), np.inf) / np.sqrt(2)
+    varies = k_distinct > 2 and bool(np.ptp(ranks, axis=1).any())
     return Overall(
         scenarios=list(figures),
         rows=sorted(rows, key=lambda row: (row.rank, row.method)),
-        critical_difference=float(quantile * np.sqrt(k * (k + 1) / (6 * n))),
+        critical_difference=float(quantile * np.sqrt(k_distinct * (k_distinct + 1) / (6 * n))),
         friedman_p=float(stats.friedmanchisquare(*ranks.T).pvalue) if varies else None,
         left_out=[name for name in known if name not in names],
     )
@@ -145,7 +149,7 @@ class WinsRow:
 
     Attributes:
         share, low, high: of its comparisons with another method on a data set, those that it wins,
-            equals counting half, and the 95 % interval; None for both ends where it took part in
+            and the 95 % interval; None for both ends where it took part in
             fewer than `MIN_SCENARIOS` suites.
         suites: number of those.
         data_sets: number of theirs on which it has a figure.
@@ -166,10 +170,11 @@ def wins_over_suites(figures: Iterable[DataFigures]) -> list[WinsRow]:
     sets with the most frames come first, of equals those with the most methods. Methods
     that only others have win and lose nothing there.
 
-    On a data set of k methods one with the rank r (1 for the best, equals sharing theirs) wins
-    (k - r) / (k - 1) of its comparisons. The mean over the data sets of a suite is its share there,
-    the mean over suites its share. Intervals are of a bootstrap over suites, as if these had been
-    drawn from all that there could be. Methods of unlike suites met unlike opponents.
+    On a data set one with the rank r (1 for the best) of k figures wins (k - r) / (k - 1) of its
+    comparisons. Methods with the same figure, such as those with the same images, count as one.
+    The mean over the data sets of a suite is its share there, the mean over suites its share.
+    Intervals are of a bootstrap over suites, as if these had been drawn from all that there could
+    be. Methods of unlike suites met unlike opponents.
 
     Returns:
         First the methods that took part in `MIN_SCENARIOS` suites, then the others, each by share.
@@ -180,9 +185,10 @@ def wins_over_suites(figures: Iterable[DataFigures]) -> list[WinsRow]:
         if 2 * len(counted & frames) > len(frames):
             continue
         counted |= frames
-        ranks = mid_ranks(np.array(list(known.values())))
-        won = (len(known) - ranks) / max(len(known) - 1, 1)
-        for name, share in zip(known, won, strict=True) if len(known) > 1 else ():
+        figures_of = np.round(list(known.values()), _DIGITS)
+        distinct, below = np.unique(figures_of, return_inverse=True)
+        won = below / max(len(distinct) - 1, 1)
+        for name, share in zip(known, won, strict=True) if len(distinct) > 1 else ():
             shares.setdefault(name, {}).setdefault(suite, []).append(float(share))
     rows = []
     for name, by_suite in shares.items():

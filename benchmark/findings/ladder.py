@@ -67,7 +67,9 @@ class Ladder:
         rungs: scenarios of the simulated rungs, without twins, in the order of the suite but for
             those of the curve, which follow each other.
         methods: by falling area, or by B on the last rung where there is no curve.
-        steps: by rung and method, of methods that ran there.
+        lacking: methods that lack touches of a rung, which may be the harder ones. What they did
+            there is compared with no other method.
+        steps: by rung and method, of methods that ran there on all touches.
         distances: of the nominal model from what a touch changes on each rung [dB], the median
             over touches, where the model is not that of the data.
         severities: of the rungs of the curve; empty where there is none.
@@ -78,6 +80,7 @@ class Ladder:
 
     rungs: tuple[str, ...]
     methods: tuple[str, ...]
+    lacking: tuple[str, ...]
     steps: dict[tuple[str, str], Step]
     distances: dict[str, float]
     severities: dict[str, float]
@@ -104,6 +107,10 @@ def read_ladder(run: Run) -> Ladder | None:
     clean = [s for s in nominal if s.noise.test == "clean"]
     ideal = next((s.name for s in clean if s.imperfections == Imperfections()), None)
     samples = run.samples[run.samples[FIGURE].notna()]
+    touches_of = samples.groupby(["scenario", "method"])["sample"].transform("size")
+    whole = touches_of == touches_of.groupby(samples["scenario"]).transform("max")
+    lacking = samples.loc[~whole, "method"].unique()
+    samples = samples[whole]
     methods = [str(method) for method in samples["method"].unique()]
     touches = samples.pivot_table(FIGURE, "sample", ["scenario", "method"], "first")
     columns: dict[tuple[str | None, str], int] = {
@@ -157,6 +164,7 @@ def read_ladder(run: Run) -> Ladder | None:
     return Ladder(
         rungs=tuple(s.name for s in nominal),
         methods=tuple(sorted(methods, key=merit)),
+        lacking=tuple(map(str, lacking)),
         steps=steps,
         distances=_distances(samples),
         severities=severities,

@@ -68,6 +68,8 @@ from eitbench.scenarios.recordings.fetch import fetch_recording
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, opened
 from eitbench.scenarios.suites.suite import Suite
 
+WILD = 1000
+"""An image beyond so many times the sensor's range is none: one such pixel would rule all means."""
 WARM_SECONDS = 1.0
 """Time of warm single frames [s], and of those that are asked for in one message."""
 TAIL_FRAMES, TAIL_SECONDS = 1000, 20.0
@@ -315,6 +317,9 @@ class MethodCellTask(FrameTask):
         # Pixels outside the sensor do not count.
         images[:, ~mask] = sensor.background
         wrong = not_finite(np.isfinite(images[:, mask]).all(axis=1))
+        most = WILD * sensor.data_range
+        wild = np.abs(images[:, mask]).max(axis=1) > most
+        wrong = np.where((wrong == "") & wild, f"returned values beyond {most:g} S/m", wrong)
         times = np.full(len(images), reply.seconds * 1e3 / len(images))
         found: dict[str, NDArray[Any]] = {"conductivity": images, "frame_ms": times}
         if "novelty" in said:

@@ -33,7 +33,7 @@ from eitbench.benchmark.submissions.submission import LEADERBOARD, Submission
 from eitbench.scenarios.similarity import Similarity
 from eitbench.scenarios.suites.scenario import RecordedScenario
 
-ADDED_BY_REPORTS = {"cites", "tier", "why_not"}
+ADDED_BY_REPORTS = {"cites", "gap", "tier", "why_not"}
 """Entries of a row of the leaderboard that no standing has."""
 
 COVERAGES = tuple(f"coverage_{level}" for level in LEVELS)

@@ -46,6 +46,10 @@ def findings(run: Run) -> list[Finding]:
         "B of every method on every rung, against severity, and on real sensors; the table below "
         "has all figures"
     )
+    if ladder.lacking:
+        shows += (
+            f". Without {', '.join(map(printable, ladder.lacking))}: they lack touches of rungs"
+        )
     table = to_table(ladder)
     return [Finding("ladder", title, table, grid(ladder), LEGEND, draw(ladder), shows)]
 

@@ -178,9 +178,16 @@ def notes(board: Sequence[Row]) -> list[str]:
         + _by_text(board, "differs")
         + _by_text(board, "actions")
         + [f"tier of {said}" for said in _by_text(board, "tier")]
+        + _gaps(board)
         + _shared_times(board)
         + _busy(board)
     )
+
+
+def _gaps(board: Sequence[Row]) -> list[str]:
+    """Hidden minus open of all methods that were run on a hidden set."""
+    told = [f"{row['method']} {row['gap']}" for row in board if row.get("gap")]
+    return [f"on the hidden set, minus here: {', '.join(told)}"] if told else []
 
 
 def _repeats(board: Sequence[Row]) -> list[str]:

@@ -52,7 +52,7 @@ def gaps_note() -> str:
 
 
 def tier_text(run: Run, row: Row) -> str:
-    """Return the tier of a method of a record or a submission, with its gap; "" of other runs."""
+    """Return the tier of a method of a record or a submission in words; "" of other runs."""
     if run.whole and not is_submission(run.path):
         return ""
     found = tier(run, row["scenario"], row[run.kind.name])
@@ -60,13 +60,16 @@ def tier_text(run: Run, row: Row) -> str:
     if found.gap is None:
         on = f" on {found.reproduced_on}" if found.reproduced_on else ""
         return f"{found.tier}{on}{times}"
-    gap, published = found.gap, " (key published)" if found.key_published else ""
-    fall = ", which is more than chance" if gap.falls else ""
-    number = _FORMS[gap.figure].number
-    return (
-        f"{found.tier}{published}, {METRICS[gap.figure].heading} {number(gap.hidden)} there and "
-        f"{number(gap.open)} here, difference {difference(gap)}{fall}{times}"
-    )
+    published = " (key published)" if found.key_published else ""
+    return f"{found.tier}{published}, {_verdict(found.gap)}{times}"
+
+
+def gap_text(run: Run, row: Row) -> str:
+    """Return hidden minus open of a method of a record or a submission; "" where there is none."""
+    if run.whole and not is_submission(run.path):
+        return ""
+    gap = tier(run, row["scenario"], row[run.kind.name]).gap
+    return "" if gap is None else difference(gap)
 
 
 def run_tier(run: Run) -> str:

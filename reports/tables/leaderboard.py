@@ -13,7 +13,7 @@ from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.standings import standings
 from eitbench.reports.tables.columns import Column, Layout, layout, shown_columns
 from eitbench.reports.tables.formats import csv_text, to_html, to_latex, to_markdown
-from eitbench.reports.tables.gaps import tier_text
+from eitbench.reports.tables.gaps import gap_text, tier_text
 from eitbench.reports.tables.references import data_keys
 
 
@@ -21,8 +21,9 @@ def ranked_rows(runs: Sequence[Path], columns: Sequence[str] = ()) -> list[Row]:
     """Return the ranked rows of run directories, those of a scenario together.
 
     They are plain values for JSON; see `Standing.rows`. `why_not` says why there are no ties,
-    `cites` holds the keys of suite and recording in the bibliography, with commas, and `tier` the
-    tier of a record or submission, with the gap to its hidden set, in words; "" of other runs.
+    `cites` holds the keys of suite and recording in the bibliography, with commas, `tier` the
+    tier of a record or submission in words, and `gap` the hidden figure minus the open one, with
+    its interval; "" of other runs.
 
     Args:
         runs: the directories.
@@ -41,7 +42,7 @@ def ranked_rows(runs: Sequence[Path], columns: Sequence[str] = ()) -> list[Row]:
     return [
         row
         | {"why_not": standing.why_not, "cites": data_keys(about[row["run"]], row["scenario"])}
-        | {"tier": tier_text(by_name[row["run"]], row)}
+        | {"tier": tier_text(run := by_name[row["run"]], row), "gap": gap_text(run, row)}
         for standing in standings(read)
         for row in standing.rows
     ]

@@ -417,10 +417,9 @@ def test_a_submission_rises_from_tier_to_tier(folder: Path) -> None:
     assert standing.tier == "hidden"
     assert standing.gap is not None
     assert standing.reproduced_on == "12 of 12 samples"
-    (told,) = [note for note in notes(ranked_rows([folder])) if "tier" in note]
-    here, there = standing.gap.open, standing.gap.hidden
-    assert f"hidden, S {there:.3f} there and {here:.3f} here, difference -1.000 (-1.500" in told
-    assert "more than chance" in told
+    told = notes(ranked_rows([folder]))
+    assert "tier of gentle: hidden, falls by more than chance (its times are self-reported)" in told
+    assert "on the hidden set, minus here: gentle -1.000 (-1.500 to -0.500)" in told
     (folder.parent / "reproduced.json").unlink()
     assert tier(found, "n", "gentle").tier == "self-reported"  # its open images are still unknown
 

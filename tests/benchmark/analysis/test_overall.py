@@ -58,20 +58,35 @@ def test_all_equal_or_alone_is_no_order() -> None:
     assert overall({"one": {"a": 1.0}, "two": {"a": 1.0, "b": 1.0}}) is None
     found = overall({f"s{k}": {"a": 1.0, "b": 1.0, "c": 1.0} for k in range(MIN_SCENARIOS)})
     assert found is not None
-    assert {(row.rank, row.rank_low, row.rank_high) for row in found.rows} == {(2.0, 2.0, 2.0)}
+    assert {(row.rank, row.rank_low, row.rank_high) for row in found.rows} == {(1.0, 1.0, 1.0)}
     assert found.friedman_p is None
 
 
+def test_a_method_of_two_names_counts_once_for_the_others() -> None:
+    alone = {f"s{k}": {"a": 3.0 + k % 2, "b": 3.5, "c": 1.0} for k in range(MIN_SCENARIOS)}
+    twice = {name: {**of, "twin": of["a"]} for name, of in alone.items()}
+    one, two = overall(alone), overall(twice)
+    assert one is not None
+    assert two is not None
+    rows = {row.method: row for row in two.rows}
+    assert [rows[row.method] for row in one.rows] == one.rows
+    assert (rows["twin"].rank, rows["twin"].wins) == (rows["a"].rank, rows["a"].wins)
+    assert (two.critical_difference, two.friedman_p) == (one.critical_difference, one.friedman_p)
+    fields = [field(name, name, of) for name, of in alone.items()]
+    more = wins_over_suites(field(name, name, of) for name, of in twice.items())
+    assert [row for row in more if row.method != "twin"] == wins_over_suites(fields)
+
+
 def test_the_ratio_to_a_guess_is_the_median_over_scenarios() -> None:
-    errors = {f"s{k}": {"a": -1.0 * k, "b": -6.0} for k in range(1, 6)}
+    errors = {f"s{k}": {"a": -1.0 * k, "b": -6.0} for k in range(1, 7)}
     guesses = dict.fromkeys(errors, 10.0)
     found = overall(errors, guesses)
     assert found is not None
     rows = {row.method: row for row in found.rows}
-    assert rows["a"].ratio == pytest.approx(0.3)
+    assert rows["a"].ratio == pytest.approx(0.35)
     assert rows["a"].ratio_low is not None
     assert rows["a"].ratio_high is not None
-    assert 0.1 <= rows["a"].ratio_low < 0.3 < rows["a"].ratio_high <= 0.5
+    assert 0.1 <= rows["a"].ratio_low < 0.35 < rows["a"].ratio_high <= 0.6
     assert [rows["b"].ratio, rows["b"].ratio_low] == pytest.approx([0.6, 0.6])
     few = overall({name: errors[name] for name in ("s1", "s2")}, guesses)
     assert few is not None

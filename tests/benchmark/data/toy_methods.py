@@ -87,6 +87,12 @@ def with_hole(images: Array) -> Array:
     return images
 
 
+def with_spike(images: Array) -> Array:
+    """Have one pixel far beyond what any sensor has, in the second image of a batch."""
+    images[1:2, 3, 3] = 1e30
+    return images
+
+
 def with_noise(images: Array) -> Array:
     """Draw from the global generator."""
     return np.asarray(images + 0.01 * np.random.rand())  # noqa: NPY002
@@ -95,6 +101,7 @@ def with_noise(images: Array) -> Array:
 toy("toy-good")
 toy("toy-raises", lambda v: fail(RuntimeError("the sky is falling")))
 toy("toy-nan", after=with_hole)
+toy("toy-wild", after=with_spike)
 toy("toy-shape", after=lambda images: images.reshape(len(images), -1))
 toy("toy-complex", after=lambda images: images + 1j)
 toy("toy-ragged", after=lambda images: [[1.0], [1.0, 2.0]])

@@ -20,14 +20,15 @@ RUNGS: dict[str, tuple[Imperfections, bool]] = {
     "ideal": (Imperfections(), False),
     "gain": (Imperfections(gain=0.01), False),
     "none": (Imperfections(gain=0.01, drift=0.01, severity=0), False),
+    "half": (Imperfections(gain=0.01, drift=0.01, severity=0.5), False),
     "all": (Imperfections(gain=0.01, drift=0.01), False),
     "triple": (Imperfections(gain=0.01, drift=0.01, severity=3), False),
     "gain-calibrated": (Imperfections(gain=0.01), True),
 }
 # Mean B of each method on each rung; every touch is so much better or worse than the mean.
 MEANS = {
-    "good": {"ideal": 0.9, "gain": 0.8, "none": 0.9, "all": 0.7, "triple": 0.3},
-    "poor": {"ideal": 0.5, "gain": 0.5, "none": 0.5, "all": 0.5, "triple": 0.5},
+    "good": {"ideal": 0.9, "gain": 0.8, "none": 0.9, "half": 0.8, "all": 0.7, "triple": 0.3},
+    "poor": {"ideal": 0.5, "gain": 0.5, "none": 0.5, "half": 0.5, "all": 0.5, "triple": 0.5},
 }
 CALIBRATED = {"good": 0.85, "poor": 0.5}
 TOUCH = np.linspace(-0.05, 0.05, N)
@@ -41,7 +42,7 @@ def scenario(name: str) -> SimulatedScenario:
     )  # fmt: skip
 
 
-def made(names: tuple[str, ...] = tuple(RUNGS)) -> Run:
+def made(names: tuple[str, ...] = tuple(name for name in RUNGS if name != "half")) -> Run:
     suite = Suite(
         name="ladder", title="", methods=("good", "poor"),
         scenarios=tuple(scenario(name) for name in names),
@@ -96,6 +97,9 @@ def test_areas_follow_the_trapezoidal_rule_over_the_span() -> None:
     assert ladder.areas["poor", False].value == pytest.approx(0.5, abs=1e-3)
     assert ladder.methods == ("good", "poor")
     assert ("good", True) not in ladder.areas  # no calibrated curve was run
+    later = ladder_of(made(("half", "all", "triple")))
+    good = (0.5 * (0.8 + 0.7) * 0.5 + 0.5 * (0.7 + 0.3) * 2) / 2.5
+    assert later.areas["good", False].value == pytest.approx(good, abs=1e-3)
 
 
 def test_without_a_curve_or_an_ideal_rung_there_is_less_and_of_one_rung_nothing() -> None:
@@ -109,6 +113,17 @@ def test_without_a_curve_or_an_ideal_rung_there_is_less_and_of_one_rung_nothing(
 def test_rungs_of_the_curve_follow_each_other() -> None:
     ladder = ladder_of(made(("none", "gain", "triple", "ideal", "all")))
     assert ladder.rungs == ("none", "all", "triple", "gain", "ideal")
+
+
+def test_a_method_on_fewer_touches_is_compared_with_no_other() -> None:
+    run = made()
+    short = (run.samples["method"] == "good") & (run.samples["sample"] >= N // 2)
+    ladder = ladder_of(replace(run, samples=run.samples[~short]))
+    assert ladder.lacking == ("good",)
+    assert ladder.methods == ("poor",)
+    assert (
+        {method for _, method in ladder.steps} == {method for method, _ in ladder.areas} == {"poor"}
+    )
 
 
 def test_few_sessions_give_no_intervals() -> None:

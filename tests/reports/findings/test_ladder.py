@@ -102,6 +102,7 @@ def test_calibrated_areas_and_real_sets_stand_below_the_rungs() -> None:
     ladder = Ladder(
         rungs=("a", "b"),
         methods=("good", "poor"),
+        lacking=(),
         steps={(rung, "good"): Step(value, None, gain) for rung in ("a", "b")},
         distances={"a": -12.3},
         severities={},
