@@ -280,7 +280,7 @@ def _measured(
                 for k, frame in enumerate(analogue)
             ]
         )
-        frames[rows] = board.received(board.digital(noisy, untouched, pattern), first)
+        sent = board.digital(noisy, untouched, pattern)
         before = np.array([-board.reference_age_s])
         (at_rest,) = board.analogue(untouched[None], untouched, pattern, before)
         if modelled is not None:
@@ -292,6 +292,7 @@ def _measured(
         axes = (scenario.name, split, noise, "reference", session)
         at_rest = measured(at_rest, level, *axes, key=key)
         references[rows] = board.digital(at_rest[None], untouched, pattern)
+        frames[rows] = board.received(sent, references[first], first)
         snr_db[rows] = level
         touch_snr_db[rows] = snr_of_touch(touched - untouched, analogue, level)
     return _Measured(frames, references, snr_db, touch_snr_db, distance_db)

@@ -182,14 +182,14 @@ def calibrate(sensor: Sensor, frames: ArrayLike) -> Calibration:
     return Calibration(
         nominal_sensor=sensor,
         sensor=problem.built(found),
-        factor=_factor(values, reference),
+        factor=problem.factor(values),
         gains=gains,
         shifts=shifts,
         contacts=contacts,
         deviations=problem.deviations(found, slopes),
         reference=reference,
-        misfit_before=_misfit(problem.modelled(np.zeros(problem.size)), reference),
-        misfit_after=_misfit(values, reference),
+        misfit_before=problem.misfit(problem.modelled(np.zeros(problem.size))),
+        misfit_after=problem.misfit(values),
     )
 
 
@@ -218,7 +218,7 @@ class _Problem:
         self.size = self.n_channels + 2 * sensor.n_electrodes
         nominal = self.modelled(np.zeros(self.size))
         self.sound = ~spoiled(reference, nominal, sensor.pattern)
-        if _factor(nominal, reference) <= 0:
+        if not self.sound.any() or self.factor(nominal) <= 0:
             raise InputError(
                 f"The reference frame does not resemble that of {sensor.name!r}: check the sensor "
                 "and the order and sign of the measurements."
@@ -290,11 +290,21 @@ class _Problem:
 
     def _weights(self, values: Array) -> Array:
         """Weights (M,) of the residuals: one over the noise, less where no such sensor fits."""
-        residual = self.reference - _factor(values, self.reference) * values
+        residual = self.reference - self.factor(values) * values
         noise = NOISE * float(np.sqrt(np.mean(self.reference**2)))
-        typical = max(noise, float(np.median(np.abs(residual))))
+        typical = max(noise, float(np.median(np.abs(residual[self.sound]))))
         fitting = np.exp(-((residual / (_OUTLYING * typical)) ** 2) / 2)
         return np.asarray(fitting * self.sound / noise)
+
+    def misfit(self, values: Array) -> float:
+        """Median distance of sound values of the reference frame from the model's, over its rms."""
+        residual = self.reference - self.factor(values) * values
+        rms = np.sqrt(np.mean(self.reference[self.sound] ** 2))
+        return float(np.median(np.abs(residual[self.sound])) / rms)
+
+    def factor(self, values: Array) -> float:
+        """Units of the reference frame per V/A of the modelled frame (M,), by sound values."""
+        return _factor(values[self.sound], self.reference[self.sound])
 
 
 def _spacing(sensor: Sensor) -> float:
@@ -313,8 +323,3 @@ def _factor(values: Array, reference: Array, weight: Array | None = None) -> flo
         return float(np.median(reference[large] / values[large]))
     frame = weight * values
     return float(frame @ (weight * reference) / (frame @ frame))
-
-
-def _misfit(values: Array, reference: Array) -> float:
-    residual = reference - _factor(values, reference) * values
-    return float(np.median(np.abs(residual)) / np.sqrt(np.mean(reference**2)))

@@ -36,6 +36,10 @@ TOUCH_INTERVAL_S = 10.0
 FRAME_S = 0.1
 """Time in which a board measures one frame [s]: 10 frames/s."""
 MAINS_HZ = 50.0
+MAINS_OFF_HZ = 0.02
+"""Standard deviation of the grid from `MAINS_HZ` [Hz], which is within 0.05 Hz nearly always (the
+standard frequency range of Regulation (EU) 2017/1485, annex III). Without it the hum would be the
+same in all frames that are whole periods apart, and differences to a reference would have none."""
 HEADROOM = 1.25  # full scale of the converter over the greatest value of the untouched sensor
 SATURATION = 0.6  # what a saturated channel reaches of its greatest untouched value
 _DRIFT_PERIODS_S = (900.0, 3600.0)  # a room's temperature swings within a quarter to a whole hour
@@ -72,11 +76,12 @@ class Imperfections(Declaration):
         gain: standard deviation of a channel's gain, relative.
         offset: standard deviation of a channel's offset, relative to the rms of a frame.
         settling: share of the value measured before that is left in a value.
-        mains: amplitude of the hum, relative to the rms of a frame.
+        mains: amplitude of the hum, relative to the rms of a frame; its frequency is a little off
+            `MAINS_HZ`.
         bits: resolution of the converter; None for one that does not round.
         dead: electrodes without contact: what they drive or measure reads 0.
         saturated: a channel, numbered in the order of its first measurement, that clips.
-        lost_every: every so many frames one is lost and the last one seen again.
+        lost_every: one in so many frames is lost, drawn for each, and the last one seen again.
         reference_age_s: age of the reference frames at the first touch of a split [s]; at those of
             a later session they are older by the touches between.
     """
@@ -102,7 +107,7 @@ class Imperfections(Declaration):
     @property
     def drawn(self) -> bool:
         """True if one unit differs from another, or a touch depends on the one before it."""
-        names = _OF_ELECTRODES | _OF_MATERIAL | {"gain", "offset", "mains"}
+        names = _OF_ELECTRODES | _OF_MATERIAL | {"gain", "offset", "mains", "lost_every"}
         return any(getattr(self, name) for name in names)
 
     def of_voltages(self) -> dict[str, object]:
@@ -186,8 +191,10 @@ class Imperfections(Declaration):
         values += self._scaled(self.settling) * (np.roll(values, 1, axis=1) - values)
         if self.mains:
             measured_at = times_s[:, None] + frame_s * np.arange(len(channel)) / len(channel)
-            phase = generator("unit", self.unit, "mains").uniform(0, 2 * np.pi)
-            hum = np.sin(2 * np.pi * MAINS_HZ * measured_at + phase)
+            rng = generator("unit", self.unit, "mains")
+            phase = rng.uniform(0, 2 * np.pi)
+            frequency = MAINS_HZ + MAINS_OFF_HZ * rng.standard_normal()
+            hum = np.sin(2 * np.pi * frequency * measured_at + phase)
             values += self._scaled(self.mains) * rms * hum
         values += self._drawn("offset", len(pairs))[channel] * self.offset * rms
         return np.abs(values) if pattern.magnitudes else values
@@ -207,16 +214,16 @@ class Imperfections(Declaration):
                 values = step * np.round(values / step)
         return values
 
-    def received(self, frames: Array, first: int = 0) -> Array:
-        """The frames (n, M) of one session that arrive: instead of a lost one, the last one.
+    def received(self, frames: Array, before: Array, first: int = 0) -> Array:
+        """The frames (n, M) of one session that arrive: instead of a lost one, the last one sent.
 
-        The first of them has the number `first`; it arrives always.
+        The first of them has the number `first`; `before` (M,) was sent before it.
         """
         if self.lost_every is None:
             return frames
-        place = np.arange(len(frames))
-        lost = (first + place) % self.lost_every == self.lost_every - 1
-        return frames[np.where(lost & (place > 0), place - 1, place)]
+        sent = np.concatenate([before[None], frames])
+        drawn = generator("unit", self.unit, "lost").random(first + len(frames))[first:]
+        return sent[np.arange(len(frames)) + (drawn >= 1 / self.lost_every)]
 
     def _scaled(self, magnitude: float) -> float:
         return self.severity * magnitude

@@ -37,6 +37,8 @@ from eitbench.scenarios.sensors.sensor_file import ConductivityRange, Side
 
 # Raised by one whenever the same declared parameters give other numbers than before.
 GENERATOR_VERSION = 2
+BOARD_VERSION = 2
+"""Of mains hum and lost frames; data without them have the hashes that they always had."""
 
 TOUCHES = 3
 """Touches of a session: they share a unit of the sensor and a reference frame."""
@@ -272,13 +274,18 @@ class SimulatedScenario(Declaration):
         """SHA-256 (hex) of every declared parameter and all that decides the data of `split`."""
         # The declarations in a file count, not its place.
         apart = {"familiar"} | ({"sensor"} if is_file(self.sensor) else set())
-        if split != "train":
+        boards = [self.imperfections]
+        if split == "train":
+            boards += [self.training_imperfections] if self.training_imperfections else []
+        else:
             apart |= {"training_imperfections"}
+        changed = any(board.mains or board.lost_every for board in boards)
         return content_hash(
             {
                 "scenario": _declared(self, apart),
                 "sensor": self.nominal_sensor.describe(),
                 "clean": self.clean_parameters(split),
+                **({"board": BOARD_VERSION} if changed else {}),
             }
         )
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eitbench.scenarios import InputError, load, sensor
-from eitbench.scenarios.imperfections.calibration import Calibration, _misfit, calibrate
+from eitbench.scenarios.imperfections.calibration import Calibration, calibrate
 from eitbench.scenarios.imperfections.imperfections import (
     Imperfections,
     channels,
@@ -14,6 +14,8 @@ from eitbench.scenarios.imperfections.imperfections import (
 )
 from eitbench.scenarios.imperfections.noise import add_noise
 from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.sensors.patterns import offset_pattern
+from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 
 FOAM = replace(sensor("foam16"), image_shape=(24, 24))  # a coarser grid is quicker
@@ -73,7 +75,7 @@ def test_a_misfit_is_relative_to_the_rms_of_the_frame(units: float) -> None:
     model = forward_model(FOAM)
     nominal = model.voltages(model.background)
     noisy = units * add_noise(nominal, 40, np.random.default_rng(1))
-    assert _misfit(nominal, noisy) == pytest.approx(0.6745 * 10**-2, rel=0.15)
+    assert calibrate(FOAM, [noisy]).misfit_before == pytest.approx(0.6745 * 10**-2, rel=0.15)
 
 
 def test_the_frame_it_was_made_from_becomes_the_nominal_one(found: Calibration) -> None:
@@ -151,6 +153,24 @@ def test_faults_do_not_spoil_the_rest() -> None:
     for fault in ({"dead": (5,)}, {"saturated": 3}):
         faulty = calibrate(FOAM, reference(BOARD.model_copy(update=fault)))
         assert np.std(faulty.shifts - shifts()) < 0.7 * np.std(shifts()), fault
+
+
+@pytest.mark.parametrize("dead", [0, 2])
+def test_one_dead_electrode_of_eight_leaves_a_factor_and_a_frame(dead: int) -> None:
+    """It takes part in half of all measurements or more."""
+    pattern = offset_pattern(8, 3)
+    eight = Sensor(
+        "eight", FOAM.outline, even_electrodes(FOAM.outline, 8, 0.01, 1e-3), pattern,
+        background=0.4, image_shape=(16, 16),
+    )  # fmt: skip
+    board = Imperfections(electrode_shift_m=1e-3, gain=0.03, dead=(dead,))
+    model = forward_model(replace(eight, electrodes=board.built(eight)))
+    clean = model.voltages(model.background)
+    found = calibrate(eight, 250 * board.analogue(clean[None], clean, pattern))
+    assert found.factor == pytest.approx(250, rel=0.03)
+    assert found.credible
+    ideal = forward_model(eight)
+    np.testing.assert_allclose(found.nominal, 250 * ideal.voltages(ideal.background), rtol=0.03)
 
 
 @pytest.mark.parametrize(

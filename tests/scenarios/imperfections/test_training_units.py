@@ -114,7 +114,7 @@ def test_scenarios_without_such_units_keep_their_hashes() -> None:
     known = {
         "paper": "9d8c70e579770bf554e5dbf94ecf9b685e526c4f3805fd05b3bae215c8722825",
         "presses": "eac4cc0565d7db3168dd1fd23ec11a3590a937a5e45b844159a100b532416de6",
-        "sim2real-emulated": "4e29295bf7f3c8cdac2507876002b047830f09a19178bc606438dd45bdf5605b",
+        "sim2real-gain": "d25a2a9432b0df75e80bb27155657c53ddcbd3f25e26a2bb37e3e77209719652",
     }
     for name, train_data in known.items():
         assert scenario_by_name(name).data_hash("train") == train_data
