@@ -279,7 +279,7 @@ class SimulatedScenario(Declaration):
             boards += [self.training_imperfections] if self.training_imperfections else []
         else:
             apart |= {"training_imperfections"}
-        changed = any(board.mains or board.lost_every for board in boards)
+        changed = any(board.mains * board.severity or board.lost_every for board in boards)
         return content_hash(
             {
                 "scenario": _declared(self, apart),
