@@ -9,6 +9,7 @@ import inspect
 import sys
 import warnings
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -117,7 +118,8 @@ class Registry(Generic[Base]):
         self.import_built_in()
         for point in installed(self.group):
             try:
-                loaded = point.load()
+                with redirect_stdout(sys.stderr):  # standard output may be read by programs
+                    loaded = point.load()
             except Exception as error:  # a broken plugin must not take the others down
                 warnings.warn(
                     f"The installed plugin {point.value!r} does not import: {error}.",

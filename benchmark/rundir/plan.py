@@ -70,6 +70,7 @@ class Plan(_Declared):
         limit: number of test samples of each scenario, None for all.
         tracks: those that are run beside the one that is ranked.
         parameters: constructor parameters that were given, by method; instead of selected ones.
+        installed: of the names that an installed package registers, the SHA-256 of its file.
     """
 
     suite: Suite
@@ -79,6 +80,7 @@ class Plan(_Declared):
     tracks: tuple[str, ...]
     plugins: tuple[PluginFile, ...]
     parameters: dict[str, dict[str, Any]] = {}
+    installed: dict[str, str] = {}
 
     @property
     def kind(self) -> RunKind:
@@ -167,6 +169,13 @@ def read_resumable(run: Path) -> tuple[Manifest, Plan]:
         if not plugin.path.is_file() or sha256_of(plugin.path) != plugin.sha256:
             raise InputError(
                 f"{run} cannot be resumed: the plugin {plugin.path} has changed. Start a new run."
+            )
+    now = _installed(plan.suite.ranks, plan.installed)
+    for name in plan.installed:
+        if now.get(name) != plan.installed[name]:
+            raise InputError(
+                f"{run} cannot be resumed: the file of the installed method {name!r} has changed "
+                "since it was started, or is gone. Start a new run."
             )
     return manifest, plan
 
@@ -263,7 +272,15 @@ def make_plan(
         tracks=tuple(dict.fromkeys(tracks)),
         plugins=tuple(files),
         parameters=given,
+        installed=_installed(ranks, [name for name in chosen if name not in own]),
     )
+
+
+def _installed(ranks: str, names: Iterable[str]) -> dict[str, str]:
+    """SHA-256 of the file of each of `names` that another installed package registers."""
+    known = _KNOWN[ranks]()
+    files = {name: source_hash(known[name]) for name in names if name in known}
+    return {name: sha256 for name, sha256 in files.items() if sha256}
 
 
 def read_parameters(text: str) -> dict[str, dict[str, Any]]:

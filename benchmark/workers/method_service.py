@@ -30,6 +30,10 @@ BATCH = 32
 """Frames that a run asks for at once."""
 
 
+NEW_FRAME = 1e-12
+"""Relative change that makes another frame of one; of a frame a thousand are asked for at most."""
+
+
 class FrameService:
     """Loads the file of a method of any kind, and times the frames of a request one by one.
 
@@ -56,14 +60,18 @@ class FrameService:
     def times(self, most: int, seconds: float, request: str, *inputs: Frames) -> Reply:
         """Return the times [s] of a `request` with single rows of its `inputs` (n, ...), in turn.
 
-        It ends after `most` of them, or with the one that makes them as long as `seconds`, or
-        before one that fails; where that is the first, its reply is returned.
+        The first input, the frames, has its last digits changed, so that nothing is won by keeping
+        answers to frames that came before. It ends after `most` of them, or with the one that
+        makes them as long as `seconds`, or before one that fails; where that is the first, its
+        reply is returned.
         """
         found, spent = list[float](), 0.0
         while not found or (len(found) < most and spent < seconds):
             row = len(found) % len(inputs[0])
             seed_everything()
-            reply: Reply = getattr(self, request)(*(array[row : row + 1] for array in inputs))
+            new = 1 + (len(found) + 1) * NEW_FRAME
+            frame, *others = (array[row : row + 1] for array in inputs)
+            reply: Reply = getattr(self, request)(new * frame, *others)
             if reply.failure is not None and not found:
                 return reply
             if reply.failure is not None:

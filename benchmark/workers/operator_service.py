@@ -13,6 +13,7 @@ from eitbench.methods.operator import Operator
 from eitbench.methods.registry import load_plugin, operator, operators
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.simulation import phantom
+from eitbench.scenarios.guard import close_test_split
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -39,6 +40,7 @@ class OperatorService:
 
         Its time is that of making the operator, without loading libraries.
         """
+        close_test_split()
         if self.plugin is not None:
             load_plugin(self.plugin)
         operators()  # imports their libraries

@@ -417,9 +417,11 @@ def test_a_submission_rises_from_tier_to_tier(folder: Path) -> None:
     assert standing.tier == "hidden"
     assert standing.gap is not None
     assert standing.reproduced_on == "12 of 12 samples"
-    told = notes(ranked_rows([folder]))
-    assert "tier of gentle: hidden, falls by more than chance (its times are self-reported)" in told
-    assert "on the hidden set, minus here: gentle -1.000 (-1.500 to -0.500)" in told
+    below = notes(ranked_rows([folder]))
+    assert (
+        "tier of gentle: hidden, falls by more than chance (its times are self-reported)" in below
+    )
+    assert "on the hidden set, minus here: gentle -1.000 (-1.500 to -0.500)" in below
     (folder.parent / "reproduced.json").unlink()
     assert tier(found, "n", "gentle").tier == "self-reported"  # its open images are still unknown
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from eitbench.methods import Method, Operator, Problem, register, register_operator
-from eitbench.scenarios import Sensor
+from eitbench.scenarios import Sensor, load
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -38,6 +38,15 @@ class SetUp(Toy):
 
     def __init__(self, sensor: Sensor) -> None:
         raise RuntimeError("no weights for this sensor")
+
+
+@register_operator("toy-cheats")
+class Cheats(Toy):
+    """Asks for the images that it will be judged by."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        super().__init__(sensor)
+        load("quick", "test", 1)
 
 
 def is_bad(sigma: Any) -> Any:

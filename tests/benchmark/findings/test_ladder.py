@@ -31,6 +31,7 @@ MEANS = {
     "poor": {"ideal": 0.5, "gain": 0.5, "none": 0.5, "half": 0.5, "all": 0.5, "triple": 0.5},
 }
 CALIBRATED = {"good": 0.85, "poor": 0.5}
+FROM_NONE = ("ideal", "gain", "none", "all", "triple", "gain-calibrated")
 TOUCH = np.linspace(-0.05, 0.05, N)
 
 
@@ -42,7 +43,7 @@ def scenario(name: str) -> SimulatedScenario:
     )  # fmt: skip
 
 
-def made(names: tuple[str, ...] = tuple(name for name in RUNGS if name != "half")) -> Run:
+def made(names: tuple[str, ...] = FROM_NONE) -> Run:
     suite = Suite(
         name="ladder", title="", methods=("good", "poor"),
         scenarios=tuple(scenario(name) for name in names),

@@ -19,8 +19,10 @@ from eitbench.benchmark.run.operator_cell import OperatorData
 from eitbench.benchmark.run.runner import RunInterruptedError, make_plan, resume_run, start_run
 from eitbench.benchmark.rundir.plan import read_resumable
 from eitbench.benchmark.rundir.store import RunStore
+from eitbench.benchmark.workers.operator_service import OperatorService
 from eitbench.methods import operator
 from eitbench.methods.registry import operators
+from eitbench.scenarios import guard, sensor
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_frames
 from eitbench.scenarios.errors import EitbenchError, InputError
@@ -159,7 +161,15 @@ def test_the_directory_is_laid_out_like_any_other(run: Path, suite: Suite) -> No
 def toys(suite: Suite, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
     image = load(scenario(suite, "tiny-same")).conductivity
     assert image is not None
-    names = ["toy-flat", "toy-set-up", "toy-shape", "toy-nan", "toy-raises", "toy-mutates"]
+    names = [
+        "toy-flat",
+        "toy-set-up",
+        "toy-cheats",
+        "toy-shape",
+        "toy-nan",
+        "toy-raises",
+        "toy-mutates",
+    ]
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TOY_MEAN", repr(float(image[3].mean())))
         plan = make_plan(suite, operators=names, scenarios=["tiny-same"], plugins=[TOYS])
@@ -169,12 +179,24 @@ def toys(suite: Suite, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame
     return samples.join(rows[["rank", "r", "train_s", "trained_on"]], on="operator")
 
 
+def test_the_test_split_is_closed_before_the_file_of_an_operator_is_run(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(guard, "_closed", 0)
+    file = tmp_path / "empty.py"
+    file.write_text("from eitbench.scenarios.guard import is_closed\nassert is_closed()\n1 / 0\n")
+    with pytest.raises(InputError, match="ZeroDivisionError"):
+        OperatorService(sensor("foam16"), "fem", file).set_up()
+    assert guard.is_closed()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "statuses", "message"),
     [
         ("toy-flat", {"ok": N}, ""),
         ("toy-set-up", {"error": N}, "RuntimeError: no weights for this sensor"),
+        ("toy-cheats", {"error": N}, "The test split is closed to methods"),
         ("toy-shape", {"invalid-output": N}, "shape (2, 207) instead of (2, 208)"),
         ("toy-nan", {"ok": N - 1, "invalid-output": 1}, "not finite"),
         ("toy-raises", {"ok": N - 1, "error": 1}, "ArithmeticError: this image diverges"),

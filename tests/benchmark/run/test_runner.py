@@ -27,6 +27,7 @@ from eitbench.benchmark.run.cell_task import CellData, CellPlan
 from eitbench.benchmark.run.method_cell import MethodData
 from eitbench.benchmark.run.runner import Plan, RunResult, make_plan, resume_run, start_run
 from eitbench.benchmark.rundir import lock
+from eitbench.benchmark.rundir import plan as plan_module
 from eitbench.benchmark.rundir.store import RunStore
 from eitbench.methods import methods
 from eitbench.reports.tables.boards import notes
@@ -282,6 +283,24 @@ def test_resuming_needs_a_run_of_the_same_suite_data_and_plugin(
     plugin = cut_run.parent / "plugin.py"
     plugin.write_text(plugin.read_text() + "\n# changed\n")
     with pytest.raises(InputError, match=r"the plugin .*plugin\.py has changed"):
+        resume_run(cut_run)
+
+
+def test_resuming_needs_the_installed_methods_and_the_libraries_of_the_start(
+    cut_run: Path, tiny: Suite, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(plan_module, "source_hash", lambda cls: "ab" * 32)
+        assert make_plan(tiny, methods=["noser"]).installed == {"noser": "ab" * 32}
+    assert make_plan(tiny, methods=["noser"]).installed == {}  # one of ours
+    path = cut_run / "manifest.json"
+    manifest = json.loads(path.read_text())
+    path.write_text(json.dumps({**manifest, "versions": {**manifest["versions"], "numpy": "1.0"}}))
+    with pytest.raises(InputError, match=r"numpy is [0-9.]+ and was 1\.0 when it was started"):
+        resume_run(cut_run)
+    changed = {**manifest["plan"], "installed": {"noser": "ab" * 32}}
+    path.write_text(json.dumps({**manifest, "plan": changed}))
+    with pytest.raises(InputError, match="file of the installed method 'noser' has changed"):
         resume_run(cut_run)
 
 
