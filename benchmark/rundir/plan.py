@@ -1,6 +1,7 @@
 """The plan of a run: a suite, and the methods, scenarios and samples chosen of it."""
 
 import json
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -292,7 +293,12 @@ def read_parameters(text: str) -> dict[str, dict[str, Any]]:
     try:
         content = text.encode() if text.lstrip().startswith("{") else _small_file(Path(text))
         found: dict[str, dict[str, Any]] = _PARAMETERS.validate_python(
-            json.loads(content, object_pairs_hook=_without_repeats, parse_constant=_no_constant)
+            json.loads(
+                content,
+                object_pairs_hook=_without_repeats,
+                parse_constant=_no_constant,
+                parse_float=_finite,
+            )
         )
     except InputError:
         raise
@@ -307,6 +313,12 @@ def read_parameters(text: str) -> dict[str, dict[str, Any]]:
 
 def _no_constant(name: str) -> float:
     raise ValueError(f"{name} is no JSON")
+
+
+def _finite(text: str) -> float:
+    if math.isinf(value := float(text)):
+        raise ValueError(f"{text} is too large")
+    return value
 
 
 def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -7,10 +7,12 @@ method that hangs or dies costs its own trial only.
 import math
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +22,7 @@ from pydantic import TypeAdapter
 from eitbench.benchmark.metrics import ktc
 from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES, evaluate, fit_registration
 from eitbench.benchmark.tuning.selection import FRAMES, Trial, validation_scenario
+from eitbench.benchmark.workers.confinement import Confinement
 from eitbench.benchmark.workers.messages import Failure, Reply, WorkerLostError, array_in, parsed
 from eitbench.benchmark.workers.method_service import MethodService, learning_splits
 from eitbench.benchmark.workers.restarting import RestartingWorker, SetUpFailedError
@@ -37,6 +40,7 @@ if TYPE_CHECKING:  # the worker does without
 PARTS = 3
 """A trial is scored on the first third of its frames, on two thirds, on all."""
 SET_UP_LIMIT_S = 60.0
+MOST_LISTED = 1000
 SEARCHED = (bool, int, float, str, type(None))
 """What values of `search` are: they are kept as JSON, which has no tuples."""
 
@@ -50,30 +54,49 @@ class TrialService(MethodService):
         search = methods()[self.method].search
         if not search:
             return Reply(None, 0.0)
+        values = _listed(self.method, search)
         made = create(self.method)
-        for name, values in search.items():
-            if wrong := [v for v in values if not isinstance(v, SEARCHED)]:
-                raise InputError(
-                    f"Method {self.method!r} lists {wrong[0]!r} for {name!r} in `search`: values "
-                    "are numbers, texts, truth values or None."
-                )
+        for name, listed in values.items():
             if not hasattr(made, name):
                 raise InputError(
                     f"Method {self.method!r} lists {name!r} in `search`, and has no such "
                     "parameter: correct its name."
                 )
-        defaults = {name: getattr(made, name) for name in search}
-        return Reply(
-            {
-                "values": {name: tuple(values) for name, values in search.items()},
-                "defaults": defaults,
-            },
-            0.0,
-        )
+            for value in (*listed, getattr(made, name)):
+                endless = isinstance(value, float) and not math.isfinite(value)
+                if endless or not isinstance(value, SEARCHED):
+                    raise InputError(
+                        f"Method {self.method!r} lists {value!r} for {name!r} in `search`, or has "
+                        "it by default: values are finite numbers, texts, truth values or None."
+                    )
+        defaults = {name: getattr(made, name) for name in values}
+        return Reply({"values": values, "defaults": defaults}, 0.0)
 
     def fit(self, parameters: dict[str, Any]) -> Reply:
         """Fit the method with `parameters`."""
         return self.fitted(parameters)[1]
+
+
+def _listed(method: str, search: object) -> dict[str, tuple[Any, ...]]:
+    """The values that a method lists for each parameter, if it does so in the right form."""
+    listed = dict[str, tuple[Any, ...]]()
+    wrong = InputError(
+        f"The `search` of method {method!r} has to be a dictionary of the names of parameters, "
+        "each with a list of values."
+    )
+    if not isinstance(search, Mapping):
+        raise wrong
+    for name, values in search.items():
+        single = isinstance(values, str | bytes) or not isinstance(values, Iterable)
+        if single or not isinstance(name, str):
+            raise wrong
+        listed[name] = tuple(islice(values, MOST_LISTED + 1))
+        if len(listed[name]) > MOST_LISTED:
+            raise InputError(
+                f"Method {method!r} lists more than {MOST_LISTED} values for {name!r} in `search`: "
+                "list those that are worth a trial."
+            )
+    return listed
 
 
 @dataclass(frozen=True)
@@ -143,11 +166,13 @@ class Validation:
         self.standard = (0.0, 1.0)
         splits = partial(_training_split, scenario)
         self._method = method
+        self._folder = TemporaryDirectory(prefix="eitbench-", ignore_cleanup_errors=True)
         self._worker = RestartingWorker(
             TrialService(self.data.sensor, self.data.references[0], splits, method, {}, plugin),
             set_up_limit_s=SET_UP_LIMIT_S,
             stop=stop,
             memory_limit_mb=suite.memory_limit_mb,
+            confinement=Confinement(Path(self._folder.name)),
         )
         self._images: NDArray[np.float32] = np.empty(0, np.float32)
         self._found: list[Array] = []
@@ -170,6 +195,7 @@ class Validation:
     def close(self) -> None:
         """End the worker."""
         self._worker.close()
+        self._folder.cleanup()
 
     def search(self) -> tuple[dict[str, tuple[Any, ...]], dict[str, Any]] | None:
         """Return the search space of the method and its defaults, from a new worker, if any.

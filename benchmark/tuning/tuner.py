@@ -137,12 +137,21 @@ def _run_all(
         try:
             journals = folder / JOURNALS
             futures = [pool.submit(select, study, journals, stop, used) for study in studies]
+            refused: InputError | None = None
             for study, future in zip(studies, futures, strict=True):
-                selection = future.result()
+                try:
+                    selection = future.result()
+                except InputError as error:  # the others go on
+                    if refused is not None:
+                        _log.warning("%s", error)
+                    refused = refused or error
+                    continue
                 if selection is not None:
                     for scenario in study.scenarios if selection.figure is not None else ():
                         record(scenario, {study.method: selection}, folder)
                     yield study.name, study.method, selection
+            if refused is not None:
+                raise refused
         finally:
             stop.set()
             pool.shutdown(cancel_futures=True)

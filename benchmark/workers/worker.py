@@ -238,7 +238,8 @@ def plugin_names(
 ) -> PluginNames:
     """Return the names of the methods and operators that the file `path` registers.
 
-    A worker loads the file; with `isolate` it may neither use the network nor read other files.
+    A worker loads the file, confined like those of a run; with `isolate` it may neither use the
+    network nor read other files.
 
     Args:
         parameters: constructor parameters by method, which those of the file have to take.
@@ -251,7 +252,7 @@ def plugin_names(
         Worker(
             serve,
             _PluginReader(path, parameters),
-            confinement=Confinement(Path(folder), (path,)) if isolate else None,
+            confinement=Confinement(Path(folder), (path,) if isolate else None),
         ) as worker,
     ):
         try:

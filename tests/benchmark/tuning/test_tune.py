@@ -232,16 +232,43 @@ def test_scenarios_of_unlike_spread_weigh_alike() -> None:
     assert (offset, scale) == pytest.approx((background.mean(), background.std()))
 
 
-def test_a_search_over_values_that_json_does_not_keep_is_refused(tmp_path: Path) -> None:
-    """A tuple would come back as a list, to the method and to every later run."""
+@pytest.mark.parametrize(
+    ("declared", "says"),
+    [
+        # A tuple would come back as a list, to the method and to every later run.
+        ("search = {'weight': ((1, 2), (3, 4))}", r"lists \(1, 2\) for 'weight'"),
+        ("search = {'weight': (float('inf'), 0.1)}", "lists inf for 'weight'"),
+        ("search = {'bound': (0.1, 0.2)}", "lists nan for 'bound' in `search`, or has it by def"),
+        ("search = {'ends': (0.1, 0.2)}", r"lists \(1, 2\) for 'ends' in `search`, or has it by"),
+        ("search = {'weight': 0.1}", "has to be a dictionary"),
+        ("search = {'weight': 'abc'}", "has to be a dictionary"),
+        ("search = {1: (0.1, 0.2)}", "has to be a dictionary"),
+        ("search = [('weight', (0.1, 0.2))]", "has to be a dictionary"),
+        ("search = {'weight': range(20000)}", "lists more than 1000 values for 'weight'"),
+    ],
+)
+def test_a_search_that_no_run_could_use_is_refused(
+    declared: str, says: str, tmp_path: Path
+) -> None:
     plugin = tmp_path / "odd.py"
-    plugin.write_text(FAILS.replace("= {", "= {'widths': ((1, 2), (3, 4)), "))
-    assert "widths" in plugin.read_text()
+    odd = "    bound: float = float('nan')\n    ends: object = (1, 2)\n"
+    lines = FAILS.splitlines(keepends=True)
+    at = next(k for k, line in enumerate(lines) if "search:" in line)
+    lines[at] = odd + f"    {declared}\n"
+    plugin.write_text("".join(lines))
     plan = make_plan(suite(SMALL), methods=["fails"], plugins=[plugin])
-    with pytest.raises(
-        InputError, match=r"'fails' lists \(1, 2\) for 'widths' in `search`: values"
-    ):
+    with pytest.raises(InputError, match=says):
         list(tune(plan, tmp_path / "out"))
+
+
+def test_a_method_that_cannot_be_tuned_keeps_no_other_from_it(tmp_path: Path) -> None:
+    plugin = tmp_path / "odd.py"
+    plugin.write_text(FAILS.replace("weight: float", "strength: float"))
+    plan = make_plan(suite(SMALL), methods=["fails", "constant"], plugins=[plugin, PLUGIN])
+    tuned = tune(plan, tmp_path / "out", budget=TuningBudget(trials=2))
+    assert next(tuned)[1] == "constant"
+    with pytest.raises(InputError, match="'fails' lists 'weight' in `search`"):
+        next(tuned)
 
 
 def test_a_search_over_a_parameter_that_does_not_exist_is_refused(tmp_path: Path) -> None:
