@@ -46,7 +46,8 @@ def sensor(name: str, *, offset: int | None = None) -> Sensor:
         raise unknown_name("sensor", name, sensors())
     if offset is None:
         return nominal
-    return replace(nominal, pattern=offset_pattern(nominal.n_electrodes, offset))
+    pattern = offset_pattern(nominal.n_electrodes, offset)
+    return replace(nominal, pattern=replace(pattern, magnitudes=nominal.pattern.magnitudes))
 
 
 @cache

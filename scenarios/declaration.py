@@ -14,6 +14,8 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.storage.limits import check_regular
 
 Key = tuple[str | int, ...]
+TAGS = ("simulated", "recorded", "transfer")
+"""Kinds of scenarios: they stand in the locations of errors, and are no fields."""
 
 MAX_BYTES = 200_000
 """Greatest size of a file: the largest packaged suite has 20 kB."""
@@ -136,7 +138,7 @@ def _problem(error: Mapping[str, Any], model: type[Declaration]) -> str:
         near = difflib.get_close_matches(given, fields, n=1)
         return f"unknown field, the nearest is {near[0]!r}." if near else "unknown field."
     if error["type"].startswith("union_tag"):
-        return "it is 'simulated', 'recorded' or 'transfer'."
+        return f"it is {', '.join(map(repr, TAGS[:-1]))} or {TAGS[-1]!r}."
     problem = str(error["msg"]).removeprefix("Value error, ").rstrip(".")
     return problem if problem.endswith("?") else f"{problem}."
 
@@ -150,6 +152,8 @@ def _declared_key(loc: Key, declared: Any) -> tuple[Key, str]:
     key: list[str | int] = []
     section = ""
     for k, part in enumerate(loc):
+        if part in TAGS:
+            continue
         try:
             declared = declared[part]
         except (KeyError, IndexError, TypeError):

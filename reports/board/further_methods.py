@@ -7,6 +7,8 @@ checksums, as they stand in the older one; its manifest is that of the older one
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pandas as pd
 
 from eitbench.benchmark import InputError
@@ -19,6 +21,28 @@ _OF_A_RUN = (
     *("calibration_ms", "jobs", "command_line"),
 )
 """What a manifest says of how a run was made."""
+
+
+def without_replaced(kept: Run, run: Run) -> Run:
+    """The record without the scenarios of which `run` has other frames, and all its methods."""
+    ran = {_name(cell) for cell in run.manifest["cells"]}
+    before = kept.manifest
+    other = {
+        name
+        for name, data in run.manifest["data"].items()
+        if name in before["data"] and before["data"][name]["hash"] != data["hash"]
+    }
+    other -= {cell["scenario"] for cell in before["cells"] if _name(cell) not in ran}
+    return replace(
+        kept,
+        manifest=before
+        | {
+            "data": {name: data for name, data in before["data"].items() if name not in other},
+            "cells": [cell for cell in before["cells"] if cell["scenario"] not in other],
+        },
+        samples=kept.samples[~kept.samples["scenario"].isin(other)],
+        cells=kept.cells[~kept.cells["scenario"].isin(other)],
+    )
 
 
 def check_joins(kept: Run, run: Run) -> None:

@@ -37,6 +37,7 @@ from eitbench.reports.board.further_methods import (
     joined,
     joined_manifest,
     on_frames_of,
+    without_replaced,
 )
 from eitbench.reports.figures.cases import case_samples
 from eitbench.reports.page.images import FEW_STEPS, shown_families, shown_samples
@@ -90,6 +91,7 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
     notes, seen, found = run.notes | noted(run.manifest), seen_table(run), alarms(run)
     content = _without_paths(run.manifest) | {"images": SHOWN}
     if kept is not None:
+        kept = without_replaced(kept, run)
         check_joins(kept, run)
         named, notes = on_frames_of(kept, samples), kept.notes | notes
         same_bits = bool((named["input_hash"] == samples["input_hash"]).all())

@@ -23,7 +23,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, NonNegativeFloat
+from pydantic import Field
 
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.declaration import Declaration
@@ -50,6 +50,8 @@ FIRST_TRAINING_UNIT = 10**9
 """Units of training data are numbered from here, so that no other data are of them."""
 
 
+Magnitude = Annotated[float, Field(ge=0, le=10)]
+"""Of an imperfection: relative, or in metres; ten times a whole sensor or frame is none."""
 MeshKind = Literal["image", "fine", "unstructured", "slab"]
 """The mesh that data come from, see `Imperfections`."""
 
@@ -89,20 +91,20 @@ class Imperfections(Declaration):
     unit: int = Field(default=0, ge=0, lt=FIRST_TRAINING_UNIT // 2)
     severity: float = Field(default=1.0, ge=0, le=10)
     mesh: MeshKind = "image"
-    electrode_shift_m: NonNegativeFloat = 0.0
-    electrode_width: NonNegativeFloat = 0.0
-    contact_impedance: NonNegativeFloat = 0.0
-    drift: NonNegativeFloat = 0.0
+    electrode_shift_m: Magnitude = 0.0
+    electrode_width: Magnitude = 0.0
+    contact_impedance: Magnitude = 0.0
+    drift: Magnitude = 0.0
     relaxation: Annotated[float, Field(ge=0, lt=1)] = 0.0
-    gain: NonNegativeFloat = 0.0
-    offset: NonNegativeFloat = 0.0
+    gain: Magnitude = 0.0
+    offset: Magnitude = 0.0
     settling: Annotated[float, Field(ge=0, lt=1)] = 0.0
-    mains: NonNegativeFloat = 0.0
+    mains: Magnitude = 0.0
     bits: int | None = Field(default=None, ge=4, le=24)
     dead: tuple[Annotated[int, Field(ge=0)], ...] = ()
     saturated: int | None = Field(default=None, ge=0)
     lost_every: int | None = Field(default=None, ge=2)
-    reference_age_s: NonNegativeFloat = TOUCH_INTERVAL_S
+    reference_age_s: Annotated[float, Field(ge=0, le=1e9)] = TOUCH_INTERVAL_S
 
     @property
     def drawn(self) -> bool:

@@ -83,7 +83,10 @@ def dissect(mesh: Mesh, terms: ElectrodeTerms) -> Dissection:
     values[of_nodes] = terms.mass[first[of_nodes], second[of_nodes]]
     values[~of_nodes] = -terms.coupling[first[~of_nodes], second[~of_nodes] - n]
     if np.count_nonzero(values[~of_nodes]) < np.count_nonzero(terms.coupling):
-        raise InputError("An electrode lies too far from the place for which the mesh was made.")
+        raise InputError(
+            "An electrode lies too far from the place for which the mesh was made, or the mesh is "
+            "too coarse for so many: use a finer image_shape, or fewer electrodes."
+        )
     return parts._replace(fixed=values)
 
 

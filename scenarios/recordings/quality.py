@@ -134,8 +134,10 @@ def suspect_electrodes(frames: ArrayLike, pattern: DrivePattern) -> tuple[int, .
     values = np.asarray(frames, dtype=np.float64)
     noise = typical_noise(values)
     smallest = 1e-9 * float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+    # Values that are 0 in all frames are of a dead electrode: beside them all others were noisy.
+    heard = np.where(values.any(axis=0), np.maximum(noise, smallest), np.nan)
     found = [
-        *_standing_out(np.maximum(noise, smallest), pattern),
+        *_standing_out(heard, pattern),
         *_standing_out(_relative_reciprocity(values.mean(axis=0), pattern), pattern),
     ]
     return tuple(dict.fromkeys(found))
@@ -358,6 +360,13 @@ def _marks(content: Content) -> list[str]:
             f"{counted(len(half), 'label')} {has} only one coordinate, the first is label "
             f"{half[0]}."
         )
+    placed = np.isfinite(content.labels[["x_m", "y_m"]].to_numpy(dtype=np.float64)).all(axis=1)
+    if placed.any() and len(without := np.setdiff1d(np.flatnonzero(~placed), half)):
+        has = "has" if len(without) == 1 else "have"
+        problems.append(
+            f"{counted(len(without), 'label')} of {len(placed)} {has} no place, the first is label "
+            f"{without[0]}: places are compared only where all are known."
+        )
     if (away := off_sensor(content)).size:
         x, y = 1e3 * content.labels.loc[away[0], ["x_m", "y_m"]]
         problems.append(
@@ -392,13 +401,14 @@ def metres_as_millimetres(content: Content) -> str:
 
 def _places(content: Content) -> list[str]:
     """What is wrong with the places of all touches together."""
-    places = content.labels[["x_m", "y_m"]].dropna().to_numpy(dtype=np.float64)
+    placed = content.labels[["x_m", "y_m"]].replace([np.inf, -np.inf], np.nan)
+    places = placed.dropna().to_numpy(dtype=np.float64)
     if len(places) < _LEAST or not np.ptp(places, axis=0).any():  # of one place nothing is told
         return []
     if why := metres_as_millimetres(content):
         return [why]
     x0, y0, x1, y1 = content.sensor.outline.bounds
-    touches = content.labels[["x_m", "y_m"]].groupby(touches_of(content.labels)[0])
+    touches = placed.groupby(touches_of(content.labels)[0])
     middles = touches.mean().to_numpy(dtype=np.float64)
     registering = middles[np.array(validation_every_fifth(len(middles))) == "validation"]
     if len(registering) < _LEAST or len(places) < len(content.labels):  # nothing is registered

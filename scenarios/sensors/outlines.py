@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,17 +16,41 @@ class Polygon:
     """A simple polygon; `vertices` are (x, y) [m] in counter-clockwise order, the first is s = 0.
 
     Raises:
-        InputError: fewer than three vertices, or clockwise order.
+        InputError: fewer than three vertices, clockwise order, a coordinate that is no finite
+            number, or sides that cross or touch each other.
     """
 
     vertices: tuple[tuple[float, float], ...]
 
     def __post_init__(self) -> None:
+        if not np.isfinite(np.array(self.vertices, dtype=np.float64)).all():
+            raise InputError("A vertex of a polygon has a coordinate that is no finite number.")
         if len(self.vertices) < 3:
             raise InputError(f"A polygon needs at least 3 vertices, got {len(self.vertices)}.")
         x, y = self._closed[:-1].T
         if np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) <= 0:
             raise InputError("The vertices of a polygon must run counter-clockwise around an area.")
+        for k, m in combinations(range(len(self.vertices)), 2):
+            if self._sides_meet(k, m):
+                raise InputError(
+                    f"Sides {k} and {m} of a polygon cross or touch each other (side 0 goes from "
+                    "the first vertex to the second): list the vertices along its rim, each once."
+                )
+
+    def _sides_meet(self, k: int, m: int) -> bool:
+        """True if two sides, k < m, have a point in common other than the vertex between them."""
+        (a, b), (c, d) = self._closed[k : k + 2].tolist(), self._closed[m : m + 2].tolist()
+        if m == k + 1:
+            return _turns_back(a, b, d)
+        if (k, m) == (0, len(self.vertices) - 1):
+            return _turns_back(c, a, b)
+        boxes = all(
+            min(a[i], b[i]) <= max(c[i], d[i]) and min(c[i], d[i]) <= max(a[i], b[i])
+            for i in (0, 1)
+        )
+        return (
+            boxes and _turn(a, b, c) * _turn(a, b, d) <= 0 and _turn(c, d, a) * _turn(c, d, b) <= 0
+        )
 
     @cached_property
     def _closed(self) -> Array:
@@ -74,6 +99,18 @@ class Polygon:
         return {"polygon": [list(v) for v in self.vertices]}
 
 
+def _turn(a: list[float], b: list[float], c: list[float]) -> float:
+    """Positive where the way from `a` over `b` to `c` turns left, 0 where it does not turn."""
+    turn = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    return float(np.sign(turn))
+
+
+def _turns_back(a: list[float], b: list[float], c: list[float]) -> bool:
+    """True if the way from `a` over `b` to `c` goes back on itself, or does not move."""
+    back = (a[0] - b[0]) * (c[0] - b[0]) + (a[1] - b[1]) * (c[1] - b[1])
+    return b in (a, c) or (_turn(a, b, c) == 0 and back > 0)
+
+
 def rectangle(width: float, height: float) -> Polygon:
     """A `width` x `height` [m] rectangle with its lower-left corner, s = 0, at the origin."""
     if not (width > 0 and height > 0):
@@ -88,7 +125,7 @@ class Disc:
     radius: float
 
     def __post_init__(self) -> None:
-        if not self.radius > 0:
+        if not 0 < self.radius < np.inf:
             raise InputError(f"A disc needs a positive radius, got {self.radius} m.")
 
     @property

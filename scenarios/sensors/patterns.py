@@ -112,7 +112,8 @@ def ring_pattern(
             to measure.
     """
     for offset in (drive, sense):
-        if not (isinstance(offset, int) and 1 <= abs(offset) < n_electrodes):
+        whole = isinstance(offset, int | np.integer) and not isinstance(offset, bool)
+        if not (whole and 1 <= abs(offset) < n_electrodes):
             raise InputError(
                 f"An offset is a whole number from 1 to {n_electrodes - 1}, or its negative for "
                 f"reversed pairs, got {offset}."
@@ -123,6 +124,11 @@ def ring_pattern(
         for i, pair in enumerate(_ring(n_electrodes, drive))
         for row in _rows(pair, senses[i * rotating :] + senses[: i * rotating], driven)
     ]
+    if not rows:
+        raise InputError(
+            f"Of {n_electrodes} electrodes nothing is left to measure beside the drive pairs (i, "
+            f"i{drive:+d}): use more electrodes, or measure driven ones, too (driven = true)."
+        )
     return DrivePattern(np.array(rows, dtype=np.int64).reshape(-1, 4), magnitudes)
 
 

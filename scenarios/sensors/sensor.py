@@ -85,6 +85,11 @@ class Sensor:
                 f"{high}, and {self.image_shape}."
             )
         self._check_electrodes()
+        if not self.mask.any():
+            raise InputError(
+                f"No pixel of sensor {self.name!r} has its middle inside the outline: use a finer "
+                "image_shape."
+            )
         table = self.pattern.table
         missing = table[(table < 0) | (table >= self.n_electrodes)]
         if missing.size:

@@ -1,5 +1,6 @@
 """Files that appear whole or not at all, whoever writes them at once and whenever one is killed."""
 
+import glob
 import os
 import secrets
 import time
@@ -43,7 +44,7 @@ def atomic_write(path: Path, content: bytes | Callable[[Path], object]) -> None:
 
 def _sweep(path: Path) -> None:
     """Remove what killed processes left beside `path`."""
-    for left in path.parent.glob(f".{path.name}.*.part"):
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
         # Its writer, or another process that sweeps, may be done with it meanwhile.
         with suppress(FileNotFoundError):
             if time.time() - left.lstat().st_mtime > ABANDONED_AFTER_S:

@@ -5,6 +5,7 @@ from dataclasses import asdict, replace
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import (
     BeforeValidator,
     Discriminator,
@@ -32,6 +33,7 @@ from eitbench.scenarios.physics.mesh import Mesh, build_mesh, mesh_recipe, trian
 from eitbench.scenarios.physics.slab import SLAB, SlabModel
 from eitbench.scenarios.recordings import RecordedSet, is_recording, recorded_set
 from eitbench.scenarios.seeds import generator
+from eitbench.scenarios.sensors.outlines import is_rectangle
 from eitbench.scenarios.sensors.sensor import Electrode, Sensor, content_hash
 from eitbench.scenarios.sensors.sensor_file import ConductivityRange, Side
 
@@ -148,12 +150,15 @@ class SimulatedScenario(Declaration):
         sensor = self.nominal_sensor
         count = len(channels(sensor.pattern)[1])
         for declared in (self.imperfections, self.training_imperfections or Imperfections()):
-            if any(k >= sensor.n_electrodes for k in declared.dead):
-                raise ValueError(
-                    f"sensor {self.sensor!r} has electrodes 0 to {sensor.n_electrodes - 1}"
-                )
+            last = sensor.n_electrodes - 1
+            if any(k > last for k in declared.dead):
+                raise ValueError(f"`dead` names one of the electrodes 0 to {last} of the sensor")
+            if np.isin(sensor.pattern.table, declared.dead).any(axis=1).all():
+                raise ValueError("`dead` leaves no measurement: name fewer electrodes")
             if (declared.saturated or 0) >= count:
-                raise ValueError(f"sensor {self.sensor!r} has channels 0 to {count - 1}")
+                raise ValueError(f"`saturated` names one of the channels 0 to {count - 1}")
+            if declared.mesh == "slab" and not is_rectangle(sensor.outline):
+                raise ValueError(f'mesh = "slab" is for rectangles, and {sensor.name!r} is none')
         return self
 
     @model_validator(mode="after")

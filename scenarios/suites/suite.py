@@ -1,7 +1,8 @@
 """Suites: scenarios with the methods or operators to run on them, read from TOML files."""
 
 import re
-from collections.abc import Mapping
+import unicodedata
+from collections.abc import Mapping, Sequence
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
@@ -279,22 +280,29 @@ def _with_each_transfer(path: Path, declared: dict[str, Any]) -> dict[str, Any]:
                 key = ("scenarios", k, name)
                 raise field_error("Suite", path, key, f"a list is needed, such as {example}.")
         recordings, counts = table["recordings"], table["labelled"]
+        names = _short_names(recordings)
         rest = {name: value for name, value in table.items() if name != "recordings"}
         found += [
             {"others": [other for other in recordings if other != recording]}
             | rest
-            | {"name": f"{_short(recording)}-{count}", "recording": recording, "labelled": count}
-            for recording in recordings
+            | {"name": f"{name}-{count}", "recording": recording, "labelled": count}
+            for name, recording in zip(names, recordings, strict=True)
             for count in counts
         ]
     return declared | {"scenarios": found}
 
 
-def _short(recording: object) -> object:
-    """The name of a file as a name of scenarios may be; names of public sets as they are."""
-    if not (isinstance(recording, str) and is_recording(recording)):
-        return recording
-    return re.sub("[^a-z0-9]+", "-", Path(recording).stem.lower()).strip("-")
+def _short_names(recordings: Sequence[object]) -> list[object]:
+    """The names of files as names of scenarios may be, each once; public sets as they are."""
+    names: list[object] = []
+    for k, recording in enumerate(recordings):
+        name = recording
+        if isinstance(recording, str) and is_recording(recording):
+            plain = unicodedata.normalize("NFKD", Path(recording).stem.lower())
+            plain = "".join(letter for letter in plain if not unicodedata.combining(letter))
+            name = re.sub("[^a-z0-9]+", "-", plain).strip("-") or f"recording-{k}"
+        names.append(f"{name}-{k}" if name in names else name)
+    return names
 
 
 def _unusable(scenario: Scenario, ranks: str) -> tuple[str, str] | None:

@@ -537,6 +537,20 @@ def test_methods_on_other_frames_do_not_stand_beside_a_record(record: Path, tmp_
     with pytest.raises(InputError, match=r"frames of 'n' are others than in .*: run it with all"):
         write_record(part, tmp_path / "2026.2" / "mine", record)
     assert not (tmp_path / "2026.2").exists()
+    whole = start_run(make_plan(suite), tmp_path / "whole").path
+    made = write_record(whole, tmp_path / "2026.2" / "mine", record)
+    alone = write_record(whole, tmp_path / "alone" / "2026.2" / "mine")
+    joint, single = read_run(made), read_run(alone)
+    assert joint.manifest["data"] == single.manifest["data"]
+    pd.testing.assert_frame_equal(joint.samples, single.samples)
+    with (
+        h5py.File(made / "reconstructions.h5") as found,
+        h5py.File(alone / "reconstructions.h5") as new,
+    ):
+        for name in new["n"]:
+            np.testing.assert_array_equal(
+                found[f"n/{name}/conductivity"], new[f"n/{name}/conductivity"]
+            )
 
 
 def test_every_change_of_the_leaderboard_has_its_reason() -> None:

@@ -35,7 +35,7 @@ from eitbench.scenarios.storage.files import sha256_of
 
 def is_recording(name: str) -> bool:
     """True if `name` is the path of a recording (.h5), not the name of a public set."""
-    return name.endswith(".h5")
+    return name.lower().endswith(".h5")
 
 
 def own_set(path: Path) -> RecordedSet:
@@ -138,6 +138,9 @@ def impossible_label(content: Content) -> str:
     if number.max(initial=0) >= len(PLACES):
         worst, most = int(touch[number.argmax()]), number.max() + 1
         return f"touch {worst} has {most} contacts, and at most {len(PLACES)} are possible"
+    for name, what in (("x_m", "place"), ("y_m", "place"), ("depth_mm", "depth")):
+        if (wrong := np.flatnonzero(np.isinf(content.labels[name].to_numpy(np.float64)))).size:
+            return f"label {wrong[0]} has an infinite {what}"
     for name, unit in (("force_N", "N"), ("pressure_Pa", "Pa")):
         load = content.labels[name].to_numpy()
         if (wrong := np.flatnonzero((load < 0) | np.isinf(load))).size:
@@ -155,7 +158,7 @@ def off_sensor(content: Content) -> NDArray[np.intp]:
 
 def half_placed(content: Content) -> NDArray[np.intp]:
     """The labels with one coordinate alone, as their numbers."""
-    known = np.isfinite(content.labels[["x_m", "y_m"]].to_numpy(dtype=np.float64))
+    known = ~np.isnan(content.labels[["x_m", "y_m"]].to_numpy(dtype=np.float64))
     return np.flatnonzero(known.any(axis=1) & ~known.all(axis=1))
 
 
