@@ -28,7 +28,7 @@ class Electrode:
     Attributes:
         centre: arc length of its centre along the outline [m].
         width: length along the rim [m].
-        contact_impedance: 2-D contact impedance z [Ohm*m].
+        contact_impedance: z, potential over current density [Ohm*m2], with conductivities in S/m.
     """
 
     centre: float
@@ -205,7 +205,7 @@ def foam16() -> Sensor:
     """The default sensor: a 0.1 m square of conductive foam with 16 electrodes, offset 3.
 
     Electrodes are 10 mm wide, four a side, centred at 12.5, 37.5, 62.5 and 87.5 mm, numbered
-    counter-clockwise from the lower-left corner; contact impedance 1e-3 Ohm*m, background 1 S/m,
+    counter-clockwise from the lower-left corner; contact impedance 1e-3 Ohm*m2, background 1 S/m,
     which a touch can only lower.
     """
     outline = rectangle(0.1, 0.1)

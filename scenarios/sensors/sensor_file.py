@@ -177,7 +177,7 @@ class ElectrodesDeclaration(Declaration):
         clockwise: they are numbered clockwise.
         centres_mm: arc length of every centre [mm].
         width_mm: width along the rim [mm], one for all or one for each.
-        contact_impedance: 2-D contact impedance [Ohm*m], one for all or one for each.
+        contact_impedance: [Ohm*m2], with conductivities in S/m; one for all or one for each.
     """
 
     count: Annotated[int, Field(ge=2, le=1024)] | None = None

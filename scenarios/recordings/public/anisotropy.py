@@ -12,7 +12,7 @@ one homogeneous layer each is another sensor. (The publication itself was not at
 title, journal, volume and number are those of a bibliography that cites it.)
 
 Ours: a disc of radius 60 mm, electrodes a quarter of their spacing wide, contact impedance
-1e-3 Ohm*m; the robot's coordinates less the middle of the pressed disc, one for each of the two
+1e-3 Ohm*m2; the robot's coordinates less the middle of the pressed disc, one for each of the two
 set-ups, 04 to 12 and 14 to 18 (upstream's (33.5, -297) mm for the latter is 0.6 mm from it). Where
 the electrodes are was found from the presses: the changes agree best with drops of conductivity at
 their places for radii of 55 to 70 mm, electrode 0 at 226 degrees and clockwise numbers in the first

@@ -3,7 +3,7 @@
 The discs. From upstream: opposition drive, the pattern table (checked against `lookup192.mat` and
 `lookup32.mat`), magnitudes only, a skin 171 mm across (the scale of upstream's `calcEIT.m`),
 presses within 70 mm of its centre. Ours: electrodes a quarter of their spacing wide, contact
-impedance 1e-3 Ohm*m, electrode 0 at 281.25 degrees, numbers counter-clockwise in the robot's
+impedance 1e-3 Ohm*m2, electrode 0 at 281.25 degrees, numbers counter-clockwise in the robot's
 coordinates.
 The mirrored order contradicts the measured changes. The angle is uncertain: upstream draws
 electrode 0 lowermost (270 degrees), the changes fit best at 272 or 287 degrees with or without the
@@ -19,7 +19,7 @@ The rectangles, 130 x 60 mm. From upstream: the pressed area, the pattern (as fo
 robot's coordinates, which start at the lower-left corner. Ours: the pressed area taken for the
 whole skin; electrodes every 23.75 mm (16) or 47.5 mm (8) along the rim, counter-clockwise, the
 first 17.5 mm from the lower-left corner, each a third of its spacing wide, contact impedance
-1e-3 Ohm*m. This layout (for 8
+1e-3 Ohm*m2. This layout (for 8
 electrodes three on each long side, one on each short side) is where the 10,000 presses show each
 drive pair to be most sensitive; nothing confirms it for 16. In the 8-electrode recording several
 electrodes conduct badly: a third of the values are saturated, drives (0, 4) and (1, 5) show little.

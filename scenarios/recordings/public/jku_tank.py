@@ -3,7 +3,7 @@
 From upstream: 16 electrodes, four from each corner on, clockwise from the upper-left corner of a
 40 x 80 rectangle (`getWaterModel` in `Model.m`), drive pairs as in the files, all differences of
 neighbours that spare the driven electrodes. Ours: millimetres (upstream gives no unit), electrodes
-2.5 mm wide, contact impedance 1e-4 Ohm*m. No empty tank was recorded: as upstream, the mean of the
+2.5 mm wide, contact impedance 1e-4 Ohm*m2. No empty tank was recorded: as upstream, the mean of the
 three repeats at position 1 is the reference. The in-phase part is used; with adjacent drive it is
 small and half of the signal is out of phase, so those frames agree less well with a model.
 """

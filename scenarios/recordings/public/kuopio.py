@@ -3,7 +3,7 @@
 From upstream: 32 electrodes covering half of the rim, 76 injections between even electrodes
 (`Inj`), 31 differences of neighbours each (`Mpat`, driven electrodes included), an empty tank
 (`ref.mat`) and four targets as 256 x 256 images, row 0 at the top. Ours: radius 0.115 m, contact
-impedance 1e-5 Ohm*m, `Inj` read as mA. Electrode 0 is at the top and numbers run counter-clockwise:
+impedance 1e-5 Ohm*m2, `Inj` read as mA. Electrode 0 is at the top, numbers run counter-clockwise:
 of all rotations and both directions only this one makes one-step images agree with all four truth
 images (best at 87 to 90 degrees, mean correlation 0.61; the other direction reaches 0.39).
 

@@ -3,9 +3,9 @@
 From upstream: radius 25 mm, 16 electrodes, adjacent drive, electrode 1 at the top and numbers
 clockwise, values in EIDORS' rotating order: for drive (i, i+1) the pairs (i+2, i+3), (i+3, i+4) and
 so on. A file holds two frames, the empty tank and the targets, each as real and imaginary part; the
-folder names the targets. Ours: electrodes half of their spacing wide, contact impedance 1e-5 Ohm*m,
-and the polarity U[i+3] - U[i+2], which the signs show. The real part is used. Files are divided by
-their drive current, taken from the file name.
+folder names the targets. Ours: electrodes half of their spacing wide, contact impedance 1e-5
+Ohm*m2, and the polarity U[i+3] - U[i+2], which the signs show. The real part is used. Files are
+divided by their drive current, taken from the file name.
 """
 
 import re

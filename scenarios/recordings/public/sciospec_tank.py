@@ -3,7 +3,7 @@
 From upstream: 16 electrodes, drive pairs (i, i+3), complex potentials of 16 channels; the first 20
 frames are the empty tank, then an insulating cup moves about. The cup enters after frame 63: frames
 21 to 63 still equal the empty tank to within the noise and count as untouched here. Ours: radius
-0.1 m, electrodes a quarter of their spacing wide, contact impedance 1e-3 Ohm*m, electrode 0 on the
+0.1 m, electrodes a quarter of their spacing wide, contact impedance 1e-3 Ohm*m2, electrode 0 on the
 positive x axis, numbers counter-clockwise. Neither size nor orientation is published; the voltages
 of an empty disc do not depend on them, up to a factor. The in-phase part is used, and the reference
 is the mean of the first 10 frames.

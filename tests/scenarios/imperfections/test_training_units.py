@@ -125,8 +125,8 @@ def test_scenarios_without_such_units_keep_their_hashes() -> None:
     [
         ({"dead_share": 1.5}, "less than or equal to 1"),
         ({"saturated_share": -0.1}, "greater than or equal to 0"),
-        ({"dead": [16]}, "sensor 'foam16' has electrodes 0 to 15"),
-        ({"saturated": 16}, "sensor 'foam16' has channels 0 to 15"),
+        ({"dead": [16]}, "`dead` names one of the electrodes 0 to 15"),
+        ({"saturated": 16}, "`saturated` names one of the channels 0 to 15"),
         ({"dead": [3], "dead_share": 0.2}, "the same in all units .* or drawn for each"),
         ({"saturated": 0, "saturated_share": 0.2}, "the same in all units .* or drawn for each"),
     ],

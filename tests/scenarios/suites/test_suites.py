@@ -25,6 +25,7 @@ from eitbench.scenarios.suites.scenario import (
 from eitbench.scenarios.suites.suite import (
     WINDOW,
     Suite,
+    _short_names,
     load_suite,
     on_sensor,
     read_suite,
@@ -142,6 +143,11 @@ def test_a_table_of_skins_and_counts_stands_for_each_pair(tmp_path: Path) -> Non
     assert Suite.model_validate_json(suite.model_dump_json()) == suite  # as in a manifest
     path.write_text(NEW_SKINS + 'others = ["cam09-07"]\n')
     assert {s.others for s in read_suite(path).scenarios} == {("cam09-07",)}  # type: ignore[union-attr]
+
+
+def test_files_of_any_name_give_names_of_scenarios() -> None:
+    files = ["日本.h5", "sub/left.h5", "left.h5", "Übung 2.h5", "LEFT.H5", "ohmc16"]
+    assert _short_names(files) == ["recording-0", "left", "left-2", "ubung-2", "left-4", "ohmc16"]
 
 
 @pytest.mark.parametrize(
@@ -292,6 +298,36 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
             'imperfections = { mesh = "x" }',
             "scenarios[1].imperfections.mesh",
             "'fine'",
+        ),
+        (
+            "noise = { test = 50 }",
+            "imperfections = { gain = inf }",
+            "scenarios[1].imperfections.gain",
+            "10",
+        ),
+        (
+            "noise = { test = 50 }",
+            "imperfections = { drift = 1e6 }",
+            "scenarios[1].imperfections.drift",
+            "10",
+        ),
+        (
+            "noise = { test = 50 }",
+            "imperfections = { dead = [16] }",
+            "scenarios[1]",
+            "`dead` names one",
+        ),
+        (
+            "noise = { test = 50 }",
+            f"imperfections = {{ dead = {list(range(15))} }}",
+            "scenarios[1]",
+            "no measurement",
+        ),
+        (
+            "noise = { test = 50 }",
+            'sensor = "ohmc16"\nimperfections = { mesh = "slab" }',
+            "scenarios[1]",
+            "for rectangles",
         ),
         ("noise = { test = 50 }", "image_shape = [1, 9]", "scenarios[1].image_shape[0]", "2"),
         ("train = 0", "train = -1", "scenarios[0].train", "greater"),
