@@ -22,7 +22,7 @@ from eitbench.benchmark.choice.decision import (
 )
 from eitbench.benchmark.metrics.statistics import bootstrap, medians
 from eitbench.benchmark.run.progress import RunProgress
-from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.benchmark.run.runner import RunInterruptedError, make_plan, start_run
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.manifest import cpu_model
 from eitbench.benchmark.rundir.store import SAMPLES
@@ -102,7 +102,12 @@ def choose(
         parameters, chosen_by = parameters_of(deciding, method, suite, budget, out / "tuning")
         plan = make_plan(suite, methods=[method], parameters={method: parameters})
         left = max(end - clock(), 0.0)
-        run = start_run(plan, out / "runs" / method, time_limit_s=left, progress=progress)
+        try:
+            run = start_run(plan, out / "runs" / method, time_limit_s=left, progress=progress)
+        except RunInterruptedError:  # what was measured before is enough for an answer
+            if not trials:
+                raise
+            return False
         if run.unfinished:
             return False
         samples, cells = (read_parquet(run.path / name) for name in (SAMPLES, METHOD_RUNS.table))

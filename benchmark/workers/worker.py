@@ -281,10 +281,12 @@ def timed_answer(
     """
     given = [array.copy() for array in inputs]
     start = time.perf_counter()
-    answer = function(*given)
+    answer: Any = function(*given)
     array: NDArray[Any] | None = None
     with suppress(TypeError, ValueError):
-        array = np.asarray(answer)  # a part of its time: it waits for a device
+        # A part of its time: it waits for a device. What is masked is no value.
+        masked = isinstance(answer, np.ma.MaskedArray)
+        array = answer.astype(float).filled(np.nan) if masked else np.asarray(answer)
     seconds = time.perf_counter() - start
     failure = None
     if array is None:

@@ -4,6 +4,7 @@ Libraries that take long to import are imported by the command that needs them, 
 `eitbench --help` answers at once.
 """
 
+import errno
 import os
 import sys
 from collections.abc import Callable
@@ -149,6 +150,8 @@ def _guarded(command: Callable[[], object], debug: bool) -> int:
             fail(str(error), error.exit_code, getattr(error, "__notes__", ()))
         if isinstance(error, OSError) and error.filename is not None:
             fail(f"Could not use {error.filename}: {error.strerror}.", 1)
+        if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+            fail("The output could not be written whole: no space is left where it goes.", 1)
         fail(
             f"Unexpected {type(error).__name__}: {error}. Add --debug for the traceback, and "
             "please report it.",

@@ -17,6 +17,7 @@ from eitbench.benchmark.choice.measure import (
     parameters_of,
     within_limit,
 )
+from eitbench.benchmark.run.runner import RunInterruptedError, start_run
 from eitbench.benchmark.tuning import selection
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
@@ -128,6 +129,27 @@ def test_with_drift_the_best_stays_where_no_other_is_told_from_it() -> None:
     choice = decide(trials, "touches", 10.0, **ABOUT)
     assert choice.best == Pick(method="sharp")
     assert choice.best_with_drift == Pick(method="sharp", not_told_from=("steady",))
+
+
+@pytest.mark.slow
+def test_what_was_measured_before_an_interruption_is_decided_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "tiny.toml").write_text(TINY)
+    run = start_run
+
+    def interrupted(plan: Any, out: Path, **options: Any) -> Any:
+        if plan.methods == ("noser",):
+            raise RunInterruptedError("Interrupted", str(out))
+        return run(plan, out, **options)
+
+    monkeypatch.setattr(measure, "start_run", interrupted)
+    names = ("back-projection", "noser")
+    choice = choose(str(tmp_path / "tiny.toml"), tmp_path / "out", methods=names, time_limit_s=90)
+    assert [row.method for row in choice.tried] == ["back-projection"]
+    assert choice.not_tried == ("noser",)
+    with pytest.raises(RunInterruptedError):
+        choose(str(tmp_path / "tiny.toml"), tmp_path / "none", methods=("noser",), time_limit_s=90)
 
 
 def test_a_method_that_made_no_image_is_never_the_best() -> None:

@@ -71,6 +71,7 @@ def table(toy_run: Path) -> pd.DataFrame:
         ("toy-fit-raises", {"error": N}, "ValueError: no licence for this sensor"),
         ("toy-nan", {"ok": N - 1, "invalid-output": 1}, "not finite"),
         ("toy-wild", {"ok": N - 1, "invalid-output": 1}, "returned values beyond 1000 S/m"),
+        ("toy-masked", {"invalid-output": N}, "not finite"),
         ("toy-shape", {"invalid-output": N}, "shape (5, 1600) instead of (5, 40, 40)"),
         ("toy-complex", {"invalid-output": N}, "complex128 instead of real numbers"),
         ("toy-ragged", {"invalid-output": N}, "a list that is not an array"),
