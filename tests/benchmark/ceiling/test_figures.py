@@ -5,11 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 from tests.support.small_sensors import foam, touch
 
-from eitbench.benchmark.ceiling.figures import TRACES, rhat, summary, traces
+from eitbench.benchmark.ceiling.drawing import priors_of
+from eitbench.benchmark.ceiling.figures import TRACES, _frame, rhat, summary, traces
+from eitbench.benchmark.ceiling.models import images
+from eitbench.benchmark.ceiling.moves import PROPOSALS
+from eitbench.benchmark.ceiling.sampler import Draws
+from eitbench.scenarios import load
+from eitbench.scenarios.suites.scenario import SimulatedScenario
 
 SENSOR = foam((80, 80))
+SCENARIO = SimulatedScenario(
+    name="tiny", image_shape=(16, 16), families=("circle",), train=0, validation=0, test=3
+)
 
 
 def test_traces_of_a_disc_are_its_place_strength_and_area() -> None:
@@ -39,6 +49,38 @@ def test_rhat_is_one_of_chains_that_agree_and_grows_with_their_distance() -> Non
     assert rhat([np.full(7, 0.1 / 3)] * 2, uneven) == 1
 
 
+def test_rhat_is_of_the_mean_variance_within_chains() -> None:
+    rng = np.random.default_rng(0)
+    narrow, wide = rng.standard_normal(4000), 3 * rng.standard_normal(4000) + 1
+    even = np.full(4000, 1 / 4000)
+    assert rhat([narrow, wide], [even, even]) == pytest.approx(np.sqrt(1 + 0.5 / 5), rel=0.01)
+
+
+def test_the_squared_error_is_the_product_of_the_errors_of_two_samplers() -> None:
+    """The square of the error of their mean would hold what chance does to their draws."""
+    data = load(SCENARIO, "test", 1)
+    assert data.conductivity is not None
+    priors = priors_of(SCENARIO)
+    drawn = {
+        name: Draws(np.zeros(2, int), priors[0].draw(2, np.random.default_rng(k)), weights, 1.0)
+        for k, (name, weights) in enumerate(
+            zip(PROPOSALS, np.array([[0.3, 0.7], [0.6, 0.4]]), strict=True)
+        )
+    }
+    families = [prior.parameters for prior in priors]
+    row, mean = _frame(data, 0, data.conductivity[0], drawn, families)
+    alone = [
+        np.tensordot(of.weights, images(families, of.families, of.vectors), axes=1)
+        for of in drawn.values()
+    ]
+    first, second = (image - data.conductivity[0] for image in alone)  # background and range are 1
+    assert row["mse"] == pytest.approx(np.mean(first * second))
+    assert row["mse"] != pytest.approx(np.mean(((first + second) / 2) ** 2), rel=0.05)
+    assert row["mse_walk"] == pytest.approx(np.mean(first**2))
+    assert row["mse_differences"] == pytest.approx(np.mean(second**2))
+    np.testing.assert_allclose(mean, (alone[0] + alone[1]) / 2)
+
+
 def frames(n: int, ranks: np.random.Generator, width: float) -> pd.DataFrame:
     """Frames whose ranks are uniform, or lie about the middle where `width` is below 1."""
     error = ranks.exponential(1e-3, n)
@@ -55,6 +97,9 @@ def test_a_calibrated_posterior_has_uniform_ranks_and_others_do_not() -> None:
     (wide,) = summary(frames(300, np.random.default_rng(1), 0.7)).to_dict("records")
     assert right["uniform_p"] > 0.01
     assert wide["uniform_p"] < 1e-4
+    ranks = frames(300, np.random.default_rng(1), 1.0)
+    least = min(stats.kstest(ranks[f"rank_{name}"], "uniform").pvalue for name in TRACES)
+    assert right["uniform_p"] == pytest.approx(min(1.0, 4 * least))  # one of four tests
     assert right["within_80"] == pytest.approx(0.8, abs=0.03)
     assert wide["within_80"] == 1
 
