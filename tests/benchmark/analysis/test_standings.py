@@ -104,6 +104,13 @@ def test_pairs_tell_how_much_and_how_surely() -> None:
     assert tied.low < 0 < tied.high
 
 
+def test_samples_on_which_two_methods_are_equal_count_half() -> None:
+    shared = np.random.default_rng(3).normal(25, 5, size=80)
+    gain = np.repeat([1.0, 0.0, -0.2], [20, 40, 20])
+    (pair,) = standing({"one": shared + gain, "other": shared}).pairs
+    assert pair.wins == pytest.approx(0.25 + 0.5 * 0.5)
+
+
 @pytest.mark.parametrize("gain", [0.28, -0.34])
 def test_a_p_value_is_that_of_a_two_sided_paired_test(gain: float) -> None:
     rng = np.random.default_rng(9)
@@ -116,7 +123,7 @@ def test_a_p_value_is_that_of_a_two_sided_paired_test(gain: float) -> None:
     assert pair.p == pytest.approx(expected, rel=0.2)
 
 
-@pytest.mark.parametrize(("share", "ranks"), [(0.005, (1, 1)), (0.1, (1, 2)), (0.3, (1, 2))])
+@pytest.mark.parametrize(("share", "ranks"), [(0.005, (1, 1)), (0.04, (1, 2)), (0.1, (1, 2))])
 def test_a_rank_interval_leaves_out_five_draws_of_a_hundred(
     share: float, ranks: tuple[int, int]
 ) -> None:
@@ -126,7 +133,7 @@ def test_a_rank_interval_leaves_out_five_draws_of_a_hundred(
     noise = (noise - noise.mean()) / noise.std()
     better = -stats.norm.ppf(share) / np.sqrt(len(noise))
     first, second = standing({"one": shared + better + noise, "other": shared}).rows
-    assert second["first"] == pytest.approx(share, abs=0.03)
+    assert second["first"] == pytest.approx(share, abs=0.01 if share < 0.05 else 0.03)
     assert (first["rank_low"], first["rank_high"]) == ranks
     assert (second["rank_low"], second["rank_high"]) == (3 - ranks[1], 2)
 
