@@ -11,7 +11,7 @@ from eitbench.benchmark.findings.acuity import acuity_of
 from eitbench.benchmark.findings.acuity_seen import GREIT
 from eitbench.benchmark.findings.acuity_specs import ACUITY_SPECS
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.reports.figures.style import COLOURS, NOTE, PAGE, new_figure
+from eitbench.reports.figures.style import COLOURS, NOTE, PAGE, line_style, new_figure
 from eitbench.reports.findings.finding import Finding
 from eitbench.reports.tables.columns import printable
 
@@ -38,8 +38,8 @@ LEGEND = (
 GREIT_LEGEND = (
     "Figures of merit of GREIT (Adler et al. 2009), as EIDORS computes them, of the firmest "
     "touches. The figure shows medians by the distance of the place from the rim, a row for each "
-    "noise level; dotted: the value of a right image, where there is one. The cards of the metrics "
-    "have formulas and traps."
+    "noise level; dotted: the value of a right image, where there is one; a figure that is the "
+    "same everywhere is not drawn. The cards of the metrics have formulas and traps."
 )
 MAP_LEGEND = (
     "Maps over the sensor, one row for each noise level; grey crosses: nothing detected, or pairs "
@@ -47,7 +47,7 @@ MAP_LEGEND = (
     "Arrows: mean displacement of the place of detected touches, to the scale of the axes. Two "
     "points: least distance from which on all pairs around the place, in four directions as far as "
     "there is room, are told apart. Slope: shown over true strength. Below: GREIT's figures of "
-    "merit of the firmest touches."
+    "merit of the firmest touches; one that is the same everywhere is not drawn."
 )
 _MAPS = {
     "smallest_pa": "smallest touch [kPa]",
@@ -143,26 +143,24 @@ def draw_depths(results: Sequence[AcuityResult]) -> Figure:
     """GREIT's figures over the distance from the rim [mm]: a row a level, a line a method."""
     levels = sorted({one.snr_db for one in results}, reverse=True)
     figure = new_figure(PAGE, 0.9 + 1.45 * len(levels))
-    panels = figure.subplots(len(levels), len(GREIT), squeeze=False, sharex=True, sharey="col")
+    names = _varied(results)
+    panels = figure.subplots(len(levels), len(names), squeeze=False, sharex=True, sharey="col")
     methods = list(dict.fromkeys(one.method for one in results))
     for one in results:
         at = one.places.groupby(one.places["depth_mm"].round(0))
         k = methods.index(one.method)
-        for axes, name in zip(panels[levels.index(one.snr_db)], GREIT, strict=True):
+        for axes, name in zip(panels[levels.index(one.snr_db)], names, strict=True):
             by = at[name].median()
-            axes.plot(
-                by.index, by, marker="o", ms=2.5, lw=1, color=COLOURS[k % len(COLOURS)],
-                ls="-" if k < len(COLOURS) else "--", label=printable(one.method),
-            )  # fmt: skip
+            axes.plot(by.index, by, **line_style(k), ms=3.5, lw=1, label=printable(one.method))
     for row, level in zip(panels, levels, strict=True):
         row[0].set_ylabel(f"{level:g} dB", fontsize=NOTE + 1)
-        for axes, name in zip(row, GREIT, strict=True):
+        for axes, name in zip(row, names, strict=True):
             axes.tick_params(labelsize=NOTE - 1)
             if (right := ACUITY_SPECS[name].right) is not None:
                 axes.axhline(right, color="0.5", lw=0.7, ls=":", zorder=0)
-    for axes, name in zip(panels[0], GREIT, strict=True):
+    for axes, name in zip(panels[0], names, strict=True):
         axes.set_title(_MAPS[name], fontsize=NOTE)
-    panels[-1][len(GREIT) // 2].set_xlabel("distance from the rim [mm]", fontsize=NOTE)
+    panels[-1][len(names) // 2].set_xlabel("distance from the rim [mm]", fontsize=NOTE)
     lines = dict(zip(*reversed(panels[0][0].get_legend_handles_labels()), strict=True))
     figure.legend(
         lines.values(), lines.keys(), loc="outside lower center", ncols=min(len(methods), 5),
@@ -179,7 +177,11 @@ def draw(results: Sequence[AcuityResult]) -> Figure:
     tactile, greit = figure.subfigures(2, 1, squeeze=False)[:, 0]
     panels = tactile.subplots(len(rows), _COLUMNS, squeeze=False)
     _draw_maps(tactile, panels[:, : len(columns)], rows, columns)
-    _draw_maps(greit, greit.subplots(len(rows), _COLUMNS, squeeze=False), rows, GREIT)
+    varied = _varied(rows)
+    merits = greit.subplots(len(rows), _COLUMNS, squeeze=False)
+    _draw_maps(greit, merits[:, : len(varied)], rows, varied)
+    for axes in merits[:, len(varied) :].flat:
+        axes.set_axis_off()
     for axes, one in zip(panels[:, -1], rows, strict=True):
         axes.plot(*one.roc, color=COLOURS[0], lw=1.2)
         axes.plot([0, 1], [0, 1], color="0.7", lw=0.6, ls="--")
@@ -187,9 +189,16 @@ def draw(results: Sequence[AcuityResult]) -> Figure:
         axes.set_xticks([])
         axes.set_yticks([])
         axes.text(0.96, 0.08, f"AUC {one.figures['auc']:.3f}", ha="right", fontsize=NOTE - 1)
+        axes.set_ylabel("detected, 0 to 1", fontsize=NOTE - 1)
     panels[0, -1].set_title("ROC", fontsize=NOTE)
     panels[-1, -1].set_xlabel("false alarms, 0 to 1", fontsize=NOTE - 1)
     return figure
+
+
+def _varied(results: Sequence[AcuityResult]) -> list[str]:
+    """GREIT's figures that are not the same everywhere, or all of them."""
+    places = pd.concat([one.places[list(GREIT)] for one in results])
+    return [name for name in GREIT if places[name].nunique() > 1] or list(GREIT)
 
 
 def _draw_maps(
