@@ -31,7 +31,7 @@ from eitbench.reports.claims.claim import (
 )
 from eitbench.reports.claims.evidence import SCENARIO, Evidence, Measured, NotMeasuredError
 from eitbench.reports.studies.summaries import training_budget
-from eitbench.reports.tables.published import BETA, RATIO, TABLE_I, TABLE_II
+from eitbench.reports.tables.published import BETA, BETA_OF_MEANS, RATIO, TABLE_I, TABLE_II
 
 IMAGE_METRICS = ("ssim", "cc", "rie", "psnr")
 SHAPE_METRICS = ("edge", "artefacts")
@@ -49,8 +49,6 @@ PROHIBITIVE = 10.0
 CLASSICAL = ("noser", "tv")
 LABELS = {"noser": "NOSER", "tv": "TV", "dnn": "DNN", "phydnn": "PhyDNN"}
 WARM_UP_EPOCHS = 30
-# Sums of squares over 80 x 80 pixels and 208 measurements against means over them.
-BETA_OF_MEANS = BETA * 208 / 6400
 
 
 def best_of(name: str) -> Best:

@@ -16,7 +16,7 @@ from eitbench.benchmark.studies.training_study import METRICS, SAMPLES
 from eitbench.reports.figures.style import NOTE, label_axes, new_figure, save
 from eitbench.reports.studies.summaries import StudyRow, StudySummary
 from eitbench.reports.tables.formats import markdown_table
-from eitbench.reports.tables.published import BETA
+from eitbench.reports.tables.published import BETA, BETA_OF_MEANS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -133,7 +133,8 @@ def _draw_beta(axes: Axes, summary: StudySummary) -> None:
         label="95 % over samples",
     )  # fmt: skip
     axes.plot(rows["beta"], rows["score"], "o-", color="C0", ms=3, lw=1)
-    axes.axvline(BETA, color="0.4", lw=1, ls="--", label="published best")
+    axes.axvline(BETA, color="0.4", lw=1, ls="--", label="published best, of means")
+    axes.axvline(BETA_OF_MEANS, color="0.4", lw=1, ls=":", label="published best, if of sums")
     axes.set_xscale("log")
     label_axes(axes, "Weight of the physical loss", "beta", "mean score S")
 
