@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 from tests.support.choices import made_choice
 
 from eitbench.benchmark.choice.decision import Choice, Pick, pick, read_choice
@@ -41,6 +42,19 @@ def test_of_equals_that_are_about_as_fast_the_one_of_the_smaller_error_is_taken(
     table = errors(sharp=0, equal=0.1)
     for times in ({"sharp": 1.2, "equal": 1.0}, {"sharp": 1.0, "equal": 1.2}):
         assert pick(table, times) == Pick(method="sharp", not_told_from=("equal",))
+
+
+@pytest.mark.parametrize(("gain", "told"), [(0.62, True), (0.35, False)])
+def test_a_difference_is_told_at_5_percent(gain: float, told: bool) -> None:
+    rng = np.random.default_rng(4)
+    noise = rng.normal(size=20)
+    difference = gain + (noise - noise.mean()) / noise.std()
+    p = stats.wilcoxon(difference).pvalue
+    assert 0.01 < p < 0.05 if told else 0.05 < p < 0.2
+    base = 10 + 5 * rng.normal(size=20)
+    table = pd.DataFrame({"a": base, "b": base + difference}, index=np.arange(20))
+    found = pick(table, {"a": 50.0, "b": 1.0})
+    assert found == (Pick(method="a") if told else Pick(method="b", not_told_from=("a",)))
 
 
 def test_differences_are_counted_by_session() -> None:

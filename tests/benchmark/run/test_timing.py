@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.sparse.linalg import splu
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from eitbench.benchmark.run import method_cell, timing
 from eitbench.benchmark.run.method_cell import MethodCellTask
@@ -122,6 +124,40 @@ def test_a_method_that_keeps_its_answers_is_timed_on_frames_that_it_never_saw() 
     assert len(references) == 1  # what is kept of a reference is kept in use, too
     seen = [np.frombuffer(of) for of in kept]
     assert all(np.abs(frames / of - 1).max(axis=1).min() < 1e-8 for of in seen)
+
+
+@PINNABLE
+def test_a_run_is_timed_on_the_idlest_core_of_equals_the_last(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    busy = [5.0, 0.0, 40.0, 0.0]
+    monkeypatch.setattr("psutil.cpu_percent", lambda *_, percpu: busy)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3})
+    assert timing.core_to_pin() == 3
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 2})
+    assert timing.core_to_pin() == 0
+
+
+def test_the_calibration_solve_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+
+    def watched(matrix: Any) -> Any:
+        seen.append({pool["num_threads"] for pool in threadpool_info()})
+        return splu(matrix)
+
+    monkeypatch.setattr(timing, "splu", watched)
+    with threadpool_limits(2):
+        timing.calibration_solves()
+    assert set.union(*seen) == {1}
+
+
+def test_every_timed_frame_sees_the_same_random_numbers() -> None:
+    class Drawing(FrameService):
+        def reconstruct(self, frames: Array) -> Reply:
+            return Reply(None, float(np.random.rand()))  # noqa: NPY002
+
+    times = Drawing().times(5, 100.0, "reconstruct", np.ones((2, 3))).value
+    assert len(set(times)) == 1
 
 
 class Fragile(FrameService):

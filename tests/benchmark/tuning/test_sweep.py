@@ -50,8 +50,10 @@ def coordinate_search(
 def test_the_sweep_is_coordinate_search_on_any_landscape() -> None:
     rng = np.random.default_rng(0)
     points = list(np.ndindex(2, 3, 4))
-    for _ in range(50):
-        landscape = dict(zip(points, rng.normal(size=len(points)), strict=True))
+    for k in range(50):
+        # Of every second one many points are equals.
+        figures = rng.normal(size=len(points)) if k % 2 else rng.integers(3, size=len(points))
+        landscape = dict(zip(points, figures.tolist(), strict=True))
         tried: dict[Point, float] = {}
         while (point := next_in_sweep(SPACE, tried)) is not None:
             tried[point] = landscape[point]
