@@ -1,6 +1,7 @@
 """Sensors in files: declared in TOML by people, and stored as JSON in SI units by recordings."""
 
 import json
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -91,33 +92,36 @@ def sensor_from_json(text: str) -> Sensor:
 def sensor_to_toml(sensor: Sensor, remarks: Sequence[str] = ()) -> str:
     """The sensor file of `sensor`, with every row of its pattern, below lines of `remarks`.
 
-    `read_sensor` reads it; lengths agree to the last digits, as they are in mm there.
+    `read_sensor` reads it, as the same sensor but where no number of mm is exactly a length.
     """
 
     def listed(values: Iterable[float]) -> str:
-        return "[" + ", ".join(f"{value:.15g}" for value in values) + "]"
+        return "[" + ", ".join(map(repr, values)) + "]"
 
     rim = sensor.outline
     if isinstance(rim, Disc):
-        outline = f"disc_radius_mm = {rim.radius / _MM:.15g}"
+        outline = f"disc_radius_mm = {_millimetres(rim.radius)!r}"
     else:
         outline = "polygon_mm = [\n"
-        outline += "".join(f"    {listed((x / _MM, y / _MM))},\n" for x, y in rim.vertices) + "]"
+        outline += (
+            "".join(f"    {listed((_millimetres(x), _millimetres(y)))},\n" for x, y in rim.vertices)
+            + "]"
+        )
     of = sensor.electrodes
     lines = [
         *(f"# {' '.join(remark.split())}" for remark in remarks),
         f"name = {json.dumps(sensor.name)}",
-        f"background = {sensor.background:.15g}",
+        f"background = {sensor.background!r}",
         f"image_shape = {list(sensor.image_shape)}",
-        f"data_range = {sensor.data_range:.15g}",
+        f"data_range = {sensor.data_range!r}",
         f"conductivity_range = {listed(sensor.conductivity_range)}",
         "",
         "[outline]",
         outline,
         "",
         "[electrodes]",
-        f"centres_mm = {listed(electrode.centre / _MM for electrode in of)}",
-        f"width_mm = {listed(electrode.width / _MM for electrode in of)}",
+        f"centres_mm = {listed(_millimetres(electrode.centre) for electrode in of)}",
+        f"width_mm = {listed(_millimetres(electrode.width) for electrode in of)}",
         f"contact_impedance = {listed(electrode.contact_impedance for electrode in of)}",
         "",
         "[pattern]  # src, sink, a, b of each value",
@@ -127,6 +131,14 @@ def sensor_to_toml(sensor: Sensor, remarks: Sequence[str] = ()) -> str:
         "]",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _millimetres(metres: float) -> float:
+    """The number [mm] of fewest digits that is read as this length, or the nearest."""
+    near = metres / _MM
+    found = [float(f"{near:.{digits}g}") for digits in (15, 16, 17)]
+    found += [math.nextafter(near, end) for end in (-math.inf, math.inf)]
+    return next((mm for mm in found if mm * _MM == metres), near)
 
 
 def _several(value: object) -> object:

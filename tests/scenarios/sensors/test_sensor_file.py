@@ -8,9 +8,15 @@ import pytest
 
 from eitbench.benchmark.metrics.image_metrics import psnr
 from eitbench.scenarios import InputError, sensor
+from eitbench.scenarios.catalogue import sensors
 from eitbench.scenarios.recordings import RECORDED_SETS
 from eitbench.scenarios.sensors.outlines import Disc, Polygon
-from eitbench.scenarios.sensors.sensor_file import sensor_from_json, sensor_to_json
+from eitbench.scenarios.sensors.sensor_file import (
+    read_sensor,
+    sensor_from_json,
+    sensor_to_json,
+    sensor_to_toml,
+)
 from eitbench.scenarios.suites.suite import load_suite
 
 GOOD = """
@@ -95,6 +101,12 @@ def test_what_is_declared_is_what_is_made(tmp_path: Path) -> None:
     assert made.outline == Polygon(((0, 0), (0.09, 0), (0, 0.09)))
     assert made.pattern.magnitudes
     assert made.pattern.table[0].tolist() == [0, 8, 2, 1]
+
+
+def test_every_packaged_sensor_is_read_as_it_is_written(tmp_path: Path) -> None:
+    """Weights are found by all that a sensor is, to the last bit."""
+    for name, made in sensors().items():
+        assert read_sensor(write(tmp_path, sensor_to_toml(made()))) == made(), name
 
 
 def test_signed_opposite_drive_and_adjacent_sensing_are_two_lines(tmp_path: Path) -> None:
