@@ -333,9 +333,6 @@ _OBJECTS = (
     ),
 )
 FAMILIES = {family.name: family for family in (*_PUBLISHED, *_OTHERS, *_TANK, *_OBJECTS)}
-OBJECT_FAMILIES = tuple(family.name for family in _OBJECTS)
-TANK_FAMILIES = tuple(family.name for family in _TANK)
-PUBLISHED_FAMILIES = tuple(family.name for family in _PUBLISHED)
 
 
 def family(name: str) -> Family:

@@ -27,7 +27,7 @@ class Content:
         sensor: the nominal sensor; its pattern gives the order of the values.
         board, firmware: names of the hardware that recorded it.
         emulated: no real sensor was measured.
-        started: when it began, ISO 8601 in UTC.
+        started: when it began, ISO 8601 in UTC; "unknown" of what was imported.
         number: (n,) running number of every frame; a gap is a lost frame.
         time_s: (n,) when it was measured [s], on the board's clock.
         received_s: (n,) when it was received [s], on the recording machine's clock.

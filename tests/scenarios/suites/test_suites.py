@@ -9,12 +9,7 @@ from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import phantom
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.imperfections import Imperfections
-from eitbench.scenarios.phantoms.families import (
-    FAMILIES,
-    OBJECT_FAMILIES,
-    PUBLISHED_FAMILIES,
-    TANK_FAMILIES,
-)
+from eitbench.scenarios.phantoms.families import FAMILIES
 from eitbench.scenarios.sensors.sensor import content_hash
 from eitbench.scenarios.suites.scenario import (
     RecordedScenario,
@@ -34,6 +29,27 @@ from eitbench.scenarios.suites.suite import (
     suites,
 )
 
+PUBLISHED_FAMILIES = (
+    "circle",
+    "two-circles",
+    "l-shape",
+    "triangle",
+    "rectangle",
+    "ring",
+)
+OBJECT_FAMILIES = (
+    "object-disc",
+    "object-small-disc",
+    "object-triangle",
+    "object-l-shape",
+    "object-ring",
+    "object-rectangle",
+)
+TANK_FAMILIES = (
+    "tank-1",
+    "tank-2",
+    "tank-3",
+)
 GOOD = """\
 name = "mine"
 title = "My suite"
