@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.support.families import PUBLISHED_FAMILIES
 from tests.support.small_sensors import foam
 
 from eitbench.methods.shapes.parameters import AREAS, ROUND, Parameters
-from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES
+from eitbench.scenarios.phantoms.families import FAMILIES
 from eitbench.scenarios.phantoms.phantom import Patch, Phantom, draw, rasterise
 
 Array = NDArray[np.float64]

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from tests.support.families import PUBLISHED_FAMILIES
 
 from eitbench.scenarios import catalogue, load
 from eitbench.scenarios.data.datasets import same_reference
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.imperfections import Imperfections
-from eitbench.scenarios.phantoms.families import FAMILIES, PUBLISHED_FAMILIES
+from eitbench.scenarios.phantoms.families import FAMILIES
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings import RECORDED_SETS, RecordedFrames, RecordedSet, fetch
 from eitbench.scenarios.recordings.descriptors import RecordedFile, Source

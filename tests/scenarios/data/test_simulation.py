@@ -17,12 +17,12 @@ import pandas as pd
 import pytest
 from safetensors.numpy import load as load_bytes
 from safetensors.numpy import save
+from tests.support.families import PUBLISHED_FAMILIES
 
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import CHUNK, clean_frames, phantom
 from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.imperfections.imperfections import Imperfections
-from eitbench.scenarios.phantoms.families import PUBLISHED_FAMILIES
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
@@ -71,6 +71,30 @@ def test_voltages_are_those_of_the_phantoms_on_the_finer_mesh() -> None:
     for k in range(3):
         sigma = rasterise(phantom(SCENARIO, "test", k), model.sensor)
         assert np.array_equal(made[k], model.voltages(sigma))
+
+
+def test_frames_and_references_are_of_their_times_and_of_the_touch_before() -> None:
+    """Drift and what is left of the last touch, put together here from the models themselves."""
+    board = Imperfections(drift=0.05, relaxation=0.3, mains=0.01, reference_age_s=600.0)
+    aged = SCENARIO.model_copy(
+        update={"imperfections": board, "noise": SplitNoise(test="clean"), "test": 6}
+    )
+    data = load(aged, "test", 6)
+    for k in range(6):
+        unit = aged.split_imperfections("test", k // 3)
+        model = aged.data_model("test", k // 3)
+        assert isinstance(model, ForwardModel)
+        touch = rasterise(phantom(aged, "test", k), model.sensor)
+        before = rasterise(phantom(aged, "test", k - 1), model.sensor) if k else model.background
+        left = (before / model.sensor.background) ** 0.3
+        clean = model.voltages(unit.drifted(model.sensor, 10.0 * k) * touch * left)
+        untouched = model.voltages(unit.drifted(model.sensor, -600.0) * model.background)
+        times = np.array([10.0 * k, -600.0])
+        expected = unit.analogue(
+            np.stack([clean, untouched]), untouched, model.sensor.pattern, times
+        )
+        np.testing.assert_allclose(data.voltages[k], expected[0], rtol=1e-9)
+        np.testing.assert_allclose(data.references[k], expected[1], rtol=1e-9)
 
 
 @pytest.mark.slow

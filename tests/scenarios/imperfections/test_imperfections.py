@@ -200,6 +200,21 @@ def test_drift_is_slow_and_as_large_as_declared() -> None:
     assert np.allclose(Imperfections(drift=0.01, severity=0).drifted(FOAM, 5000.0), 1)
 
 
+def test_drift_is_even_and_a_gradient_in_each_direction_of_its_own() -> None:
+    east, north = [], []
+    for unit in range(40):
+        field = np.log(Imperfections(unit=unit, drift=0.01).drifted(FOAM, 5000.0))
+        across, along = field[40, 60] - field[40, 20], field[60, 40] - field[20, 40]
+        # Linear in both: what lies across and along is what a corner has.
+        assert field[60, 60] - field[20, 20] == pytest.approx(across + along, abs=1e-12)
+        east.append(across)
+        north.append(along)
+    # Half a sensor, of which each side has half of the drift: 0.5 * 0.01 * 0.5 * 2.
+    assert np.std(east) == pytest.approx(0.005, rel=0.4)
+    assert np.std(north) == pytest.approx(0.005, rel=0.4)
+    assert abs(np.corrcoef(east, north)[0, 1]) < 0.4
+
+
 def test_the_last_touch_remains_in_part() -> None:
     touch, last = np.full((2, 2), 0.5), np.array([[0.25, 1.0], [1.0, 1.0]])
     found = Imperfections(relaxation=0.5).remaining(touch, last)

@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from tests.support.families import PUBLISHED_FAMILIES, TANK_FAMILIES
 
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms import families
-from eitbench.scenarios.phantoms.families import (
-    FAMILIES,
-    PUBLISHED_FAMILIES,
-    TANK_FAMILIES,
-    family,
-)
+from eitbench.scenarios.phantoms.families import FAMILIES, family
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
 from eitbench.scenarios.phantoms.regions import Circle, Ellipse, Polygonal, Pose, Region, Ring
 from eitbench.scenarios.seeds import generator

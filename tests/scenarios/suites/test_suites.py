@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from tests.support.families import OBJECT_FAMILIES, PUBLISHED_FAMILIES, TANK_FAMILIES
 
 from eitbench.benchmark.metrics import image_metrics
 from eitbench.scenarios.data.datasets import load
@@ -29,27 +30,6 @@ from eitbench.scenarios.suites.suite import (
     suites,
 )
 
-PUBLISHED_FAMILIES = (
-    "circle",
-    "two-circles",
-    "l-shape",
-    "triangle",
-    "rectangle",
-    "ring",
-)
-OBJECT_FAMILIES = (
-    "object-disc",
-    "object-small-disc",
-    "object-triangle",
-    "object-l-shape",
-    "object-ring",
-    "object-rectangle",
-)
-TANK_FAMILIES = (
-    "tank-1",
-    "tank-2",
-    "tank-3",
-)
 GOOD = """\
 name = "mine"
 title = "My suite"
