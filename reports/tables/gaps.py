@@ -47,7 +47,8 @@ def gaps_note() -> str:
     return (
         "Difference: hidden minus open. p: of no difference, two-sided, adjusted for all gaps of "
         "the same run (Holm). The two sets are drawn apart from each other, so both vary by "
-        f"chance; whole sessions are drawn, and fewer than {MIN_CLUSTERS} give no test."
+        f"chance; whole sessions are drawn, and fewer than {MIN_CLUSTERS} give no test. A fall "
+        "that is smaller than its interval is wide would not be found."
     )
 
 
