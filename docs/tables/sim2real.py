@@ -21,7 +21,7 @@ _RUNGS = {
     "sim2real-emulated": "all, at 60 dB (`emulated`)",
     "sim2real-severity-2": "all, twice as severe",
     "sim2real-dead-electrode": "emulated, with a dead electrode",
-    "sim2real-lost-frames": "emulated, every third frame lost",
+    "sim2real-lost-frames": "emulated, one in three frames lost",
 }
 
 _RANDOMISED = {

@@ -197,9 +197,12 @@ def _draw_losses(axes: Axes, ladder: Ladder) -> None:
 
 def _draw_curves(axes: Axes, ladder: Ladder) -> None:
     severities = list(ladder.severities.values())
-    drawn = [method for method in ladder.methods if (method, False) in ladder.curves]
-    for k, method in enumerate(drawn):
-        curve = ladder.curves[method, False]
+    # Methods with the same images have one line.
+    drawn: dict[tuple[float, ...], str] = {}
+    for method in ladder.methods:
+        if (curve := ladder.curves.get((method, False))) is not None:
+            drawn.setdefault(tuple(curve.tolist()), method)
+    for k, (curve, method) in enumerate(drawn.items()):
         if k < _FIRST:
             axes.plot(severities, curve, **line_style(k), ms=3, lw=1.2, label=plain_label(method))
         else:
