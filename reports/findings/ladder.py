@@ -200,8 +200,8 @@ def _draw_curves(axes: Axes, ladder: Ladder) -> None:
     # Methods with the same images have one line.
     drawn: dict[tuple[float, ...], str] = {}
     for method in ladder.methods:
-        if (curve := ladder.curves.get((method, False))) is not None:
-            drawn.setdefault(tuple(curve.tolist()), method)
+        if (method, False) in ladder.curves:
+            drawn.setdefault(tuple(ladder.curves[method, False].tolist()), method)
     for k, (curve, method) in enumerate(drawn.items()):
         if k < _FIRST:
             axes.plot(severities, curve, **line_style(k), ms=3, lw=1.2, label=plain_label(method))
