@@ -20,11 +20,12 @@ from eitbench.reports.page.report_data import counted_data
 from eitbench.reports.site.edition import Edition, SuitePart, method_file, name_of
 from eitbench.reports.tables.boards import PrintedBoard, lacking
 from eitbench.reports.tables.columns import Column, layout, printable
-from eitbench.reports.tables.gaps import HEADS, gap_texts, gaps_note, run_tier, tier_text
+from eitbench.reports.tables.gaps import HEADS, gap_text, gap_texts, gaps_note, run_tier, tier_text
 
 if TYPE_CHECKING:
     from eitbench.benchmark.analysis.leaderboard import Row
     from eitbench.benchmark.analysis.overall import WinsRow
+    from eitbench.benchmark.analysis.results import Run
     from eitbench.reports.page.report_data import BoardData
 
 MOST_TABLES = 8
@@ -352,10 +353,16 @@ def _results(part: SuitePart, board: BoardData, row: Row) -> list[list[Text | Ce
             Cell(rank if is_ranked(run) else "not ranked", "number"),
             row.get("group") or "–", Cell(printable(figure), "number"),
             Cell("–" if time is None else f"{time:.3g} ms", "number"),
-            tier_text(run, row) or run_tier(run), Markup("<code>{}</code>").format(row["command"]),
+            _tier(run, row), Markup("<code>{}</code>").format(row["command"]),
         ]
         for run in runs
     ]  # fmt: skip
+
+
+def _tier(run: Run, row: Row) -> str:
+    """The tier of a method of a run, and what its hidden figure is more or less."""
+    gap = gap_text(run, row)
+    return (tier_text(run, row) or run_tier(run)) + (f"; hidden minus open {gap}" if gap else "")
 
 
 def told(name: str, edition: Edition) -> list[tuple[str, str]]:

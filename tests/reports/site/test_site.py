@@ -244,7 +244,8 @@ def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Pat
         ("good", "hidden (key published)"), ("poor", "hidden"),
     ]  # fmt: skip
     results = cells((front.parent / "methods" / "good.html").read_text(), "Every result")
-    assert results[0][6].startswith("hidden (key published), S 4.000 there")
+    told = "hidden (key published), falls by more than chance; hidden minus open -1.000 (-1.500 to"
+    assert results[0][6].startswith(told)
     submit = (front.parent / "submit.html").read_text()
     assert "The key of other is secret. The key of bench is published" in submit
     assert "nobody has seen" not in submit
