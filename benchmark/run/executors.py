@@ -252,8 +252,7 @@ def executor(
 
 def _run_remote_task(data: CellData, task: RemoteTask) -> RemoteResult:
     """Run a task on this machine of a cluster, if it has what the one that asks has."""
-    if manifest.versions() != task.versions:
-        changed = [n for n, v in manifest.versions().items() if v != task.versions.get(n)]
+    if changed := manifest.changed_versions(task.versions):
         raise EitbenchError(
             f"A machine of the cluster has another version of {', '.join(changed)} than this one: "
             "install the same on all."

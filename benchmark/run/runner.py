@@ -244,15 +244,11 @@ def _load_again(
             f"{run} cannot be resumed: {changed[0]} have changed since it was started. Start a "
             "new run."
         )
-    before, now = manifest["versions"], manifests.versions()
-    others = [
-        f"{name} is {now[name]} and was {before.get(name)}"
-        for name in now
-        if now[name] != before.get(name)
-    ]
-    if others:
+    before = manifest["versions"]
+    if others := manifests.changed_versions(before):
+        was = ", ".join(f"{name} {before.get(name)}" for name in others)
         raise InputError(
-            f"{run} cannot be resumed: {', '.join(others)} when it was started, which may change "
+            f"{run} cannot be resumed: it was started with {was}, and another version may change "
             "figures. Install what was there, or start a new run."
         )
     return data

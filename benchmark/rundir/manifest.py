@@ -7,6 +7,7 @@ import platform
 import shlex
 import subprocess
 import sys
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -66,6 +67,11 @@ def versions() -> dict[str, str | None]:
         except importlib.metadata.PackageNotFoundError:
             found[package] = None
     return found
+
+
+def changed_versions(before: Mapping[str, str | None]) -> list[str]:
+    """The packages of `versions` that have another one now than `before`."""
+    return [name for name, version in versions().items() if version != before.get(name)]
 
 
 def machine() -> dict[str, str | int | None]:

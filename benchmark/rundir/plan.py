@@ -111,7 +111,7 @@ class Plan(_Declared):
         """SHA-256 (hex) of the file that a method of somebody else is in; "" for one of ours."""
         if name in self.origins:
             return self.origins[name].sha256
-        return source_hash(place_methods()[name])
+        return self.installed.get(name, "")
 
     def source(self, name: str) -> str:
         """The publication that a method or operator follows; "" if it names none."""

@@ -20,7 +20,7 @@ from eitbench.reports.page.report_data import counted_data
 from eitbench.reports.site.edition import Edition, SuitePart, method_file, name_of
 from eitbench.reports.tables.boards import PrintedBoard, lacking
 from eitbench.reports.tables.columns import Column, layout, printable
-from eitbench.reports.tables.gaps import HEADS, gap_text, gap_texts, gaps_note, run_tier, tier_text
+from eitbench.reports.tables.gaps import HEADS, gap_texts, gaps_note, run_tier, tier_texts
 
 if TYPE_CHECKING:
     from eitbench.benchmark.analysis.leaderboard import Row
@@ -361,8 +361,8 @@ def _results(part: SuitePart, board: BoardData, row: Row) -> list[list[Text | Ce
 
 def _tier(run: Run, row: Row) -> str:
     """The tier of a method of a run, and what its hidden figure is more or less."""
-    gap = gap_text(run, row)
-    return (tier_text(run, row) or run_tier(run)) + (f"; hidden minus open {gap}" if gap else "")
+    found, gap = tier_texts(run, row)
+    return (found or run_tier(run)) + (f"; hidden minus open {gap}" if gap else "")
 
 
 def told(name: str, edition: Edition) -> list[tuple[str, str]]:

@@ -52,25 +52,20 @@ def gaps_note() -> str:
     )
 
 
-def tier_text(run: Run, row: Row) -> str:
-    """Return the tier of a method of a record or a submission in words; "" of other runs."""
+def tier_texts(run: Run, row: Row) -> tuple[str, str]:
+    """Return the tier of a method of a record or a submission, and hidden minus open.
+
+    Both in words; "" for both of other runs, and for the second where there is no hidden figure.
+    """
     if run.whole and not is_submission(run.path):
-        return ""
+        return "", ""
     found = tier(run, row["scenario"], row[run.kind.name])
     times = " (its times are self-reported)" if is_submission(run.path) else ""
     if found.gap is None:
         on = f" on {found.reproduced_on}" if found.reproduced_on else ""
-        return f"{found.tier}{on}{times}"
+        return f"{found.tier}{on}{times}", ""
     published = " (key published)" if found.key_published else ""
-    return f"{found.tier}{published}, {_verdict(found.gap)}{times}"
-
-
-def gap_text(run: Run, row: Row) -> str:
-    """Return hidden minus open of a method of a record or a submission; "" where there is none."""
-    if run.whole and not is_submission(run.path):
-        return ""
-    gap = tier(run, row["scenario"], row[run.kind.name]).gap
-    return "" if gap is None else difference(gap)
+    return f"{found.tier}{published}, {_verdict(found.gap)}{times}", difference(found.gap)
 
 
 def run_tier(run: Run) -> str:

@@ -13,7 +13,7 @@ from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.analysis.standings import standings
 from eitbench.reports.tables.columns import Column, Layout, layout, shown_columns
 from eitbench.reports.tables.formats import csv_text, to_html, to_latex, to_markdown
-from eitbench.reports.tables.gaps import gap_text, tier_text
+from eitbench.reports.tables.gaps import tier_texts
 from eitbench.reports.tables.references import data_keys
 
 
@@ -42,7 +42,7 @@ def ranked_rows(runs: Sequence[Path], columns: Sequence[str] = ()) -> list[Row]:
     return [
         row
         | {"why_not": standing.why_not, "cites": data_keys(about[row["run"]], row["scenario"])}
-        | {"tier": tier_text(run := by_name[row["run"]], row), "gap": gap_text(run, row)}
+        | dict(zip(("tier", "gap"), tier_texts(by_name[row["run"]], row), strict=True))
         for standing in standings(read)
         for row in standing.rows
     ]

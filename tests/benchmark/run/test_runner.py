@@ -297,7 +297,7 @@ def test_resuming_needs_the_installed_methods_and_the_libraries_of_the_start(
     path = cut_run / "manifest.json"
     manifest = json.loads(path.read_text())
     path.write_text(json.dumps({**manifest, "versions": {**manifest["versions"], "numpy": "1.0"}}))
-    with pytest.raises(InputError, match=r"numpy is [0-9.]+ and was 1\.0 when it was started"):
+    with pytest.raises(InputError, match=r"it was started with numpy 1\.0, and"):
         resume_run(cut_run)
     changed = {**manifest["plan"], "installed": {"noser": "ab" * 32}}
     path.write_text(json.dumps({**manifest, "plan": changed}))

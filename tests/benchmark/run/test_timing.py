@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -102,28 +101,26 @@ def test_a_99th_percentile_is_of_a_thousand_frames(
     assert found["frame_ms_p99"] == pytest.approx(expected, nan_ok=True)
 
 
-def test_a_method_that_keeps_its_answers_is_timed_on_frames_that_it_never_saw() -> None:
-    kept: dict[bytes, Reply] = {}
-    references: set[bytes] = set()
+@pytest.mark.parametrize("rows", [1, 7])
+def test_a_method_that_keeps_its_answers_is_timed_on_frames_that_it_never_saw(rows: int) -> None:
+    """Nor saw in float32, which networks take."""
+    frames = np.random.default_rng(0).normal(size=(rows, 208))
+    kept = {row.astype(np.float32).tobytes() for row in frames}  # from the test itself
+    farthest, references = [0.0], set[bytes]()
 
     class Keeping(FrameService):
-        def reconstruct(self, frames: Array, reference: Array) -> Reply:
+        def reconstruct(self, frame: Array, reference: Array) -> Reply:
             references.add(reference.tobytes())
-            slow = Reply(frames, 0.02)
-            return (
-                replace(slow, seconds=1e-6)
-                if kept.setdefault(frames.tobytes(), slow) is not slow
-                else slow
-            )
+            farthest.append(float(np.abs(frame / frames - 1).max(axis=1).min()))
+            key = frame.astype(np.float32).tobytes()
+            known = key in kept
+            kept.add(key)
+            return Reply(None, 1e-6 if known else 0.02)
 
-    frames = np.random.default_rng(0).normal(size=(7, 5))
-    for row in frames:
-        kept[row[None].tobytes()] = Reply(None, 0.02)  # from the test itself
-    reply = Keeping().times(1000, 100.0, "reconstruct", frames, np.ones((7, 5)))
+    reply = Keeping().times(1000, 100.0, "reconstruct", frames, np.ones((rows, 208)))
     assert reply.value == [0.02] * 1000
+    assert max(farthest) <= 1.001e-4
     assert len(references) == 1  # what is kept of a reference is kept in use, too
-    seen = [np.frombuffer(of) for of in kept]
-    assert all(np.abs(frames / of - 1).max(axis=1).min() < 1e-8 for of in seen)
 
 
 @PINNABLE
@@ -168,7 +165,7 @@ class Fragile(FrameService):
 
     def reconstruct(self, frames: Array) -> Reply:
         """Reply with a time, or with a failure."""
-        bad = round(float(frames[0, 0]), 6) == self.bad
+        bad = round(float(frames[0, 0]), 3) == self.bad
         failure = Failure("error", "no more") if bad else None
         return Reply(None, 0.01, failure)
 
