@@ -6,6 +6,7 @@ from eitbench.commands.scaffold import _check_name
 from eitbench.methods import Method, register, register_operator, register_place_method
 from eitbench.methods.operator import Operator
 from eitbench.methods.place_method import PlaceMethod
+from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.scenarios.errors import InputError
 
 
@@ -19,6 +20,26 @@ class _Operator(Operator):
 
 class _PlaceMethod(PlaceMethod):
     pass
+
+
+class _Talking:
+    """An installed plugin that prints as it is imported."""
+
+    value = "talking:Talking"
+    name = "talking"
+
+    def load(self) -> object:
+        print("hello from the plugin")
+        return None
+
+
+def test_what_an_installed_plugin_prints_is_kept_out_of_what_programs_read(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("eitbench.methods.registry.installed", lambda group: [_Talking()])
+    METHOD_REGISTRY.known()
+    said = capsys.readouterr()
+    assert (said.out, said.err) == ("", "hello from the plugin\n")
 
 
 @pytest.mark.parametrize(

@@ -109,6 +109,7 @@ def test_the_command_of_a_tuned_row_makes_it_again(run: Path, tmp_path: Path) ->
         ("{", "it is not JSON of this form"),
         ('{"noser": 3}', "it is not JSON of this form"),
         ('{"noser": {"weight": NaN}}', "it is not JSON of this form"),
+        ('{"noser": {"weight": 1e999}}', "it is not JSON of this form"),
         ('{"noser": {}, "tv": {}, "noser": {}}', "name 'noser' more than once"),
         ('{"noser": {"weight": 1, "weight": 2}}', "name 'weight' more than once"),
     ],

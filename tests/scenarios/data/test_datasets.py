@@ -132,6 +132,9 @@ def test_samples_of_one_session_are_one_cluster_where_they_share_something() -> 
     board = Imperfections(gain=0.01)
     drawn = SCENARIO.model_copy(update={"noise": SplitNoise(), "imperfections": board})
     assert load(drawn, limit=7).samples["cluster"].nunique() == 3
+    # A frame that is seen again is that of the touch before.
+    losing = drawn.model_copy(update={"imperfections": Imperfections(lost_every=3)})
+    assert load(losing, limit=7).samples["cluster"].nunique() == 3
 
 
 def test_every_session_is_on_a_unit_of_its_own_and_none_is_in_two_splits() -> None:

@@ -138,6 +138,24 @@ def test_a_place_with_one_coordinate_is_told(sound: Content, tmp_path: Path) -> 
         own_set(tmp_path / "a.h5")
 
 
+def test_touches_without_a_place_among_others_and_infinite_places_are_told(
+    sound: Content, tmp_path: Path
+) -> None:
+    labels = sound.labels.copy()
+    labels.loc[3, ["x_m", "y_m"]] = np.nan
+    (problem,) = checked(replace(sound, labels=labels), tmp_path)
+    assert problem.startswith(f"1 label of {len(labels)} has no place, the first is label 3:")
+    for name, what in (("x_m", "place"), ("depth_mm", "depth")):
+        endless = sound.labels.assign(**{name: sound.labels[name].astype(float)})
+        endless.loc[2, name] = np.inf
+        folder = tmp_path / name
+        folder.mkdir()
+        problems = checked(replace(sound, labels=endless), folder)
+        assert f"Label 2 has an infinite {what}." in problems
+        with pytest.raises(DataCorruptError, match=f"label 2 has an infinite {what}"):
+            own_set(folder / "a.h5")
+
+
 def test_registration_by_places_on_a_line_is_told(sound: Content, tmp_path: Path) -> None:
     """A grid of five columns, row by row: every fifth touch is in the first one."""
     x, y = (part.ravel() for part in np.meshgrid(np.linspace(0.02, 0.08, 5), [0.02, 0.03, 0.05]))

@@ -18,6 +18,7 @@ from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, Ei
 from eitbench.scenarios.recordings.files.own import own_set
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.recordings.quality import check, suspect_electrodes
+from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -282,6 +283,20 @@ def spoilt(electrode: int, kind: str) -> tuple[Array, Sensor]:
 def test_a_bad_electrode_is_the_only_suspect(electrode: int, kind: str) -> None:
     frames, foam = spoilt(electrode, kind)
     assert suspect_electrodes(frames, foam.pattern) == (electrode,)
+
+
+@pytest.mark.parametrize("offset", [1, 3])
+@pytest.mark.parametrize("dead", [0, 5])
+def test_beside_an_electrode_that_sends_zeros_no_other_is_suspect(offset: int, dead: int) -> None:
+    """Of eight electrodes half of the values are zeros: the others are noisy beside them."""
+    pattern = offset_pattern(8, offset)
+    draws = np.random.default_rng(0)
+    still = draws.uniform(1, 2, size=pattern.n_measurements)
+    pairs = pattern.reciprocal_pairs()
+    still[pairs[:, 1]] = pattern.reciprocal_signs(pairs) * still[pairs[:, 0]]
+    frames = still + 1e-3 * draws.normal(size=(30, len(still)))
+    frames[:, (pattern.table == dead).any(axis=1)] = 0.0
+    assert suspect_electrodes(frames, pattern) == (dead,)
 
 
 def test_two_bad_electrodes_are_both_named() -> None:
