@@ -122,8 +122,8 @@ def contrasts(data: Dataset, problem: Problem) -> NDArray[np.float32]:
     return inside.astype(np.float32)
 
 
-TOUCHES = 2000
-"""Touches that are learned from: simulating them takes seconds."""
+TOUCHES = 6000
+"""Touches that are learned from, as many as suites of touches declare."""
 
 
 @register("linear-touch")
@@ -143,7 +143,7 @@ class LinearTouch(Method):
 
     source: ClassVar[str] = "Hoerl and Kennard, Technometrics 12(1), 1970"
     expected_failures: ClassVar = asymmetry(LEARNED_NO_SYMMETRY)
-    search: ClassVar = {**GAINS, "weight": (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1.0, 3.0)}
+    search: ClassVar = {**GAINS, "weight": (1e-6, 1e-5, 1e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)}
     weight: float = 0.3
     gain_power: float = 0.0
 
@@ -158,9 +158,10 @@ class LinearTouch(Method):
         frames, images, total = frames[known], images[known], total[known]
         unit = unit_frames(frames)
         gram = unit.T @ unit
-        matrix = np.linalg.solve(gram + damping(gram, self.weight), unit.T @ (images / total))
-        shown = frames @ matrix
-        self._matrix = matrix * (np.vdot(shown, images) / np.vdot(shown, shown))
+        matrix = np.linalg.solve(gram + damping(gram, self.weight), (unit / total).T @ images)
+        # <shown, images> / <shown, shown> of shown = frames @ matrix, which would be as large.
+        strength = np.vdot(matrix, frames.T @ images)
+        self._matrix = matrix * (strength / np.vdot(matrix, frames.T @ frames @ matrix))
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""

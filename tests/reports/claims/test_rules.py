@@ -185,10 +185,17 @@ def test_a_run_without_soft_presses_says_nothing_of_forces(build: Any, many: Dat
 
 
 @pytest.mark.parametrize(
-    ("lower", "verdict"), [(70, "holds"), (51, "holds in part"), (7, "does not hold")]
+    ("lower", "verdict"),
+    [
+        (70, "holds"),
+        (67, "holds"),
+        (66, "holds in part"),
+        (36, "holds in part"),
+        (35, "does not hold"),
+    ],
 )
 def test_the_learning_curves(lower: int, verdict: str) -> None:
-    """Before and in the warm-up of 30 epochs nothing counts."""
+    """Lower in 95 % of the epochs is consistently; before and in the warm-up nothing counts."""
     epochs = np.arange(1, 101)
     dnn = pd.DataFrame({"epoch": epochs, "train_physical": 1.0, "validation_physical": 1.0})
     below = np.where(epochs > 100 - lower, 0.9, 1.1)
