@@ -143,7 +143,10 @@ class LinearTouch(Method):
 
     source: ClassVar[str] = "Hoerl and Kennard, Technometrics 12(1), 1970"
     expected_failures: ClassVar = asymmetry(LEARNED_NO_SYMMETRY)
-    search: ClassVar = {**GAINS, "weight": (1e-6, 1e-5, 1e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)}
+    search: ClassVar = {
+        **GAINS,
+        "weight": (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0),
+    }
     weight: float = 0.3
     gain_power: float = 0.0
 

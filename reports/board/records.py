@@ -314,8 +314,9 @@ def cost(suite: str, records: Path, names: Sequence[str] = ()) -> str:
     frames = pd.Series({name: run.n(name) for name in run.scenarios()}).sum()
     return (
         f"{', '.join(names) or f'The {run.kind.name}s'} of {suite!r} took {spent.sum() / 60:.1f} "
-        f"minutes on one core for {frames:,} frames in version {newest.parents[1].name}, data and "
-        f"scoring not counted, most of it {slowest!r}; its record has {size:.1f} MB. With one job, "
+        f"minutes on one core for at most {frames:,} frames each in version "
+        f"{newest.parents[1].name}, data and scoring not counted, most of it {slowest!r}; its "
+        f"record has {size:.1f} MB. With one job, "
         f"up to {PATIENCE_S:g} s more for each of "
         f"{len(spent) * len(run.scenarios())} cells while the machine is busy."
     )
