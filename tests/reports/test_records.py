@@ -315,7 +315,7 @@ def test_the_cost_of_a_suite_is_that_of_its_last_record(record: Path) -> None:
     board = record.parents[1]
     assert "not known" in cost("other", board)
     said = cost("mine", board)
-    assert "for 30 frames in version 2026.1" in said
+    assert "for at most 30 frames each in version 2026.1" in said
     size = sum(path.stat().st_size for path in record.iterdir()) / 1e6
     assert f"{size:.1f} MB" in said
 
