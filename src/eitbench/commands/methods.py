@@ -159,10 +159,17 @@ def train(
     jobs: Annotated[int, typer.Option(min=1, help="Processes to simulate with.")] = 1,
     install: Annotated[
         str,
-        typer.Option(help="Use the weights if they are no worse (better), always, or never."),
+        typer.Option(
+            help="Use the weights from now on if they are no worse (better), always, or never."
+        ),
     ] = "better",
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Where it is stored (default: your cache).")
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Where the training is kept, to be continued (default: your cache). Weights in "
+            "use are in your cache.",
+        ),
     ] = None,
 ) -> None:
     """Train on a suite's data, or continue a training that was stopped."""
