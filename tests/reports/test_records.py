@@ -311,6 +311,18 @@ def test_a_record_of_acuity_has_the_figures_of_all_images(tmp_path: Path) -> Non
         acuity_of(read_run(kept))
 
 
+def test_the_description_of_a_frame_takes_space_once(tmp_path: Path) -> None:
+    """Each of 30 methods repeats those of 1,000 frames, more rows than a page has by default."""
+    frames = pd.DataFrame({"sample": np.arange(1000), "x_m": np.random.default_rng(0).random(1000)})
+    sizes = []
+    for methods in (1, 30):
+        table = pd.concat([frames] * methods, ignore_index=True)
+        records._write_rounded(table, path := tmp_path / f"{methods}.parquet")
+        np.testing.assert_allclose(pd.read_parquet(path)["x_m"], table["x_m"], rtol=2**-DIGITS)
+        sizes.append(path.stat().st_size)
+    assert sizes[1] < 1.2 * sizes[0]
+
+
 def test_the_cost_of_a_suite_is_that_of_its_last_record(record: Path) -> None:
     board = record.parents[1]
     assert "not known" in cost("other", board)
