@@ -160,7 +160,8 @@ def draw_depths(results: Sequence[AcuityResult]) -> Figure:
                 axes.axhline(right, color="0.5", lw=0.7, ls=":", zorder=0)
     for axes, name in zip(panels[0], names, strict=True):
         axes.set_title(_MAPS[name], fontsize=NOTE)
-    panels[-1][len(names) // 2].set_xlabel("distance from the rim [mm]", fontsize=NOTE)
+    for axes in panels[-1]:
+        axes.set_xlabel("distance from the rim [mm]", fontsize=NOTE - 1)
     lines = dict(zip(*reversed(panels[0][0].get_legend_handles_labels()), strict=True))
     figure.legend(
         lines.values(), lines.keys(), loc="outside lower center", ncols=min(len(methods), 5),
