@@ -65,6 +65,7 @@ def test_clean_frames_are_those_of_70_db() -> None:
     assert told(FAST) is FAST
 
 
+@pytest.mark.slow
 def test_runs_whose_frames_are_gone_leave_the_record(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -31,7 +31,7 @@ def test_skins_count_alike() -> None:
     assert p90[2] == 10.0
 
 
-@pytest.mark.parametrize("skins", [6, 13])
+@pytest.mark.parametrize("skins", [6, pytest.param(13, marks=pytest.mark.slow)])
 def test_the_interval_of_a_median_holds_it_as_often_as_it_says(skins: int) -> None:
     """Of 400 draws of skins whose true median is 10 mm; of five skins no interval holds 95 %."""
     rng = np.random.default_rng(0)
