@@ -123,7 +123,7 @@ def contrasts(data: Dataset, problem: Problem) -> NDArray[np.float32]:
 
 
 TOUCHES = 6000
-"""Touches that are learned from, as many as suites of touches declare."""
+"""Touches that are learned from at most: as many as the suite `presses` declares."""
 
 
 @register("linear-touch")
@@ -162,7 +162,7 @@ class LinearTouch(Method):
         unit = unit_frames(frames)
         gram = unit.T @ unit
         matrix = np.linalg.solve(gram + damping(gram, self.weight), (unit / total).T @ images)
-        # <shown, images> / <shown, shown> of shown = frames @ matrix, which would be as large.
+        # <shown, images> / <shown, shown>, without making shown = frames @ matrix (n, P).
         strength = np.vdot(matrix, frames.T @ images)
         self._matrix = matrix * (strength / np.vdot(matrix, frames.T @ frames @ matrix))
 

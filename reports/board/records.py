@@ -152,7 +152,6 @@ def _write_rounded(table: pd.DataFrame, path: Path) -> None:
         use_dictionary=others,
         use_byte_stream_split=numbers,
         dictionary_pagesize_limit=2**28,
-        data_page_size=2**28,
         max_rows_per_page=2**28,
         write_page_checksum=True,
         **COMPRESSION,
