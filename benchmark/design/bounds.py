@@ -42,6 +42,7 @@ from scipy import stats
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.sensors.patterns import independent
 from eitbench.scenarios.sensors.sensor import Sensor
 
 FALSE_ALARMS, DETECTED = 0.01, 0.90
@@ -173,15 +174,21 @@ def whitened(sensor: Sensor, covariance: Array) -> WhitenedJacobian:
         InputError: a covariance of another size, or one that is not positive definite.
     """
     changes = _changes(sensor)
+    first, owner, sign = independent(sensor.pattern)
     try:
-        white = np.linalg.solve(np.linalg.cholesky(covariance), changes)
+        white = np.linalg.solve(
+            np.linalg.cholesky(covariance), sign[:, None] * np.eye(len(first))[owner]
+        )
     except (np.linalg.LinAlgError, ValueError):
         raise InputError(
             f"A covariance of {len(changes)} values has to be a positive definite matrix of as "
             f"many rows and columns, got shape {np.shape(covariance)}: give more frames, or add "
             "white noise to it."
         ) from None
-    _, singular, right = np.linalg.svd(white, full_matrices=False)
+    # By reciprocity a frame is `white` times its independent values. Where white = Q R with an
+    # orthonormal Q, R J_independent has all norms of C^-1/2 J and half of the rows, or fewer.
+    r = np.linalg.qr(white, mode="r")
+    _, singular, right = np.linalg.svd(r @ changes[first], full_matrices=False)
     rows = (singular[:, None] * right).reshape(-1, *sensor.image_shape)
     return WhitenedJacobian(sensor, rows, singular)
 
