@@ -28,7 +28,7 @@ SPOT = 2.0
 @register("greit-conformal")
 @dataclass
 class GreitConformal(Greit):
-    """The image of `greit`, and regions of the place that hold as often as they say.
+    """The image of `greit`, and regions of the place that hold nearly as often as they say.
 
     The errors of place on the 39 validation touches that were seen nearest to a touch are taken
     for those that its own place may have. Each becomes a draw: a round spot there, as strong as the
