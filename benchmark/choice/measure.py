@@ -99,12 +99,12 @@ def choose(
     trials: list[MethodTrial] = []
 
     def attempt(method: str) -> bool:
-        parameters, chosen_by = parameters_of(deciding, method, suite, budget, out / "tuning")
-        plan = make_plan(suite, methods=[method], parameters={method: parameters})
-        left = max(end - clock(), 0.0)
         try:
+            parameters, chosen_by = parameters_of(deciding, method, suite, budget, out / "tuning")
+            plan = make_plan(suite, methods=[method], parameters={method: parameters})
+            left = max(end - clock(), 0.0)
             run = start_run(plan, out / "runs" / method, time_limit_s=left, progress=progress)
-        except RunInterruptedError:  # what was measured before is enough for an answer
+        except (RunInterruptedError, KeyboardInterrupt):  # what was measured before is enough
             if not trials:
                 raise
             return False

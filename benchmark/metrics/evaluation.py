@@ -343,8 +343,7 @@ def _figures_of_positions(
 ) -> Columns:
     place = locate(contrast, sensor)
     error = np.hypot(*(registration(place) - presses).T)
-    # Finding nothing costs what the farthest wrong place in the sensor would.
-    error[np.isnan(place[:, 0])] = registration.scale * tactile.diameter(sensor)
+    error[np.isnan(place[:, 0])] = _cost_of_nothing(registration, sensor)
     expected = registration.inverse(presses)
     return {
         "localisation_mm": 1e3 * error,
@@ -356,13 +355,21 @@ def _figures_of_positions(
     }
 
 
+def _cost_of_nothing(registration: Similarity, sensor: Sensor) -> float:
+    """Error [m] of an image without a contact: what the farthest wrong place in the sensor costs.
+
+    A similarity that shrinks what it cannot register does not make it cheaper.
+    """
+    return max(registration.scale, 1.0) * tactile.diameter(sensor)
+
+
 def _figures_of_contacts(
     registration: Similarity, sensor: Sensor, places: Array, contrast: Array
 ) -> Columns:
     """Figures of touches of up to k contacts, at places (n, k, 2) [m], NaN for those not there."""
     found = contacts(contrast, sensor)
     registered = registration(found.position)
-    missing = registration.scale * tactile.diameter(sensor)
+    missing = _cost_of_nothing(registration, sensor)
     mean, farthest = np.full(len(places), missing), np.full(len(places), missing)
     expected = places[:, 0].copy()
     for n, known in enumerate(places):

@@ -57,8 +57,10 @@ def ssim(
         window: side of the window [pixels], odd.
 
     Raises:
-        InputError: unusable arrays or data range, or a mask without room for a window.
+        InputError: unusable arrays, data range or window, or a mask without room for a window.
     """
+    if window < 3 or window % 2 == 0:
+        raise InputError(f"The window of SSIM has an odd side of at least 3 pixels, got {window}.")
     t, p, inside = _checked(truth, estimate, mask, data_range)
     n, height, width = t.shape
     windows = windows_inside(inside, window)

@@ -40,7 +40,7 @@ SCORES = {
             formula="the greatest |z| of three numbers, in standard deviations "
             f"({LEAST_SPREAD:g} at least) from the mean of {KNOWN_FRAMES} familiar validation "
             "frames: log |v - v_ref| / |v_ref|, the "
-            "correlation of v - v_ref with v_ref, and log |v_ref / g - F(untouched)|",
+            "cosine of v - v_ref and v_ref, and log |v_ref / g - F(untouched)|",
             domain=_FRAMES,
             best=None,
             form=".2f",

@@ -117,8 +117,8 @@ _SPECS = (
         aggregate="median",
         form=".1f",
         traps="A contact that was missed is charged the distance to the nearest found one; an "
-        "image without any is charged the sensor's diameter, as large as the similarity makes it "
-        "on recorded presses. The similarity is fitted for"
+        "image without any is charged the sensor's diameter, and more where the similarity of "
+        "recorded presses enlarges it. The similarity is fitted for"
         " each method, so a common shift, turn, mirror image or scale of its images costs"
         " nothing. The median hides the worst half.",
     ),

@@ -296,8 +296,10 @@ class BatchRunner:
         if state.failure is not None:
             for split, rows in self.pending:
                 result = self._stored_part(split, rows)
+                stored = len(result)
                 result.fail(rows.stop - rows.start - len(result), state.failure)
-                self._finish(split, rows, result)
+                self._save(split, rows, result)
+                self.progress(rows.stop - rows.start - stored)
         self._note_actions()
         whole = {
             "batch_fps": state.done / state.seconds if state.seconds > 0 else NAN,
@@ -344,13 +346,15 @@ class BatchRunner:
         while self.pending:
             split, rows = self.pending[0]
             result = self._stored_part(split, rows)
-            begun = bool(len(result))
+            stored = len(result)
+            begun = bool(stored)
             if not begun and (split, rows.start) == ("test", 0) and state.first_lost is not None:
                 result.fail(1, state.first_lost)
                 begun = True
             if begun or state.alone or not self._ask_batch(split, rows, result):
                 self._ask_samples(split, rows, result)
-            self._finish(split, rows, result)
+            self._save(split, rows, result)
+            self.progress(rows.stop - rows.start - stored)
             self.pending.pop(0)
 
     def _ask_batch(self, split: str, rows: slice, result: BatchResult) -> bool:
@@ -415,8 +419,3 @@ class BatchRunner:
         self._note_actions()
         batch = result.batch(rows.start, json.dumps(asdict(self._state)))
         self.store.save_batch(self.plan.cell, split, batch)
-
-    def _finish(self, split: str, rows: slice, result: BatchResult) -> None:
-        before = self.store.batch_length(self.plan.cell, split, rows.start)
-        self._save(split, rows, result)
-        self.progress(rows.stop - rows.start - before)

@@ -210,6 +210,7 @@ def resume_run(
             RunStore(run, plan.kind).remove_parts()  # it may have been killed just before
             return _result(run, manifest)
         data = _load_again(plan, run, manifest, jobs, progress)
+        RunStore(run, plan.kind).keep_plugins(plan.plugins)  # it may have been killed just before
         manifest["resumed"].append(
             {"time": manifests.now(), "command_line": manifests.command_line(), "jobs": jobs}
             | manifests.environment()

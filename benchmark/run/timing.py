@@ -6,10 +6,12 @@ of the solve, taken just before and after on the same core, is compared between 
 """
 
 import os
+import re
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,6 +33,7 @@ PATIENCE_S = 30.0
 
 LOOK_S = 0.05
 """How long cores are watched for the idlest one [s]."""
+_CORES = Path("/proc/stat")
 
 
 @cache
@@ -65,9 +68,14 @@ def core_to_pin() -> int | None:
     """
     if not hasattr(os, "sched_getaffinity"):
         return None
-    busy = psutil.cpu_percent(LOOK_S, percpu=True)
+    busy = dict(zip(_listed_cores(), psutil.cpu_percent(LOOK_S, percpu=True), strict=False))
     # Of equal ones the last: the first core serves most interrupts.
-    return min(os.sched_getaffinity(0), key=lambda core: (busy[core], -core))
+    return min(os.sched_getaffinity(0), key=lambda core: (busy.get(core, 0.0), -core))
+
+
+def _listed_cores() -> list[int]:
+    """The numbers of the cores whose loads the system lists: there are gaps where some are off."""
+    return [int(core) for core in re.findall(r"^cpu(\d+)", _CORES.read_text(), re.MULTILINE)]
 
 
 @contextmanager

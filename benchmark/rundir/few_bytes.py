@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from eitbench.scenarios.arrays import Array
 
 DIGITS = 17
-"""Binary digits that are kept of numbers, which are then known to four millionths."""
+"""Binary digits that are kept of numbers, which are then known to eight millionths."""
 FRAME_DIGITS = 16
 """Hexadecimal digits that are kept of the hash of a frame, by which it is known."""
 NOTHING = -(2**15)

@@ -129,8 +129,8 @@ def _git(root: Path, *arguments: str) -> str:
 
 
 def command_line() -> str:
-    """The command as typed, its program without the folder."""
-    return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    """The command as a shell takes it, its program without the folder."""
+    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
 
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

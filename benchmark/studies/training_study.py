@@ -22,6 +22,7 @@ import pandas as pd
 
 from eitbench.benchmark.analysis.results import read_json, read_table
 from eitbench.benchmark.metrics.evaluation import evaluate
+from eitbench.benchmark.rundir.lock import FILE_NAME as LOCK
 from eitbench.benchmark.rundir.lock import locked
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.image_networks import TrainedMethod
@@ -141,19 +142,23 @@ def run_study(
         raise InputError(
             f"The study {name!r} chooses the numbers of samples itself: leave out --limit."
         )
-    new = _begin(out, {"study": name, **vars(budget), "data": scenario.data_hash("train")})
     study = STUDIES[name]
     variants = [
         dict(zip(study.grid, values, strict=True))
         for values in itertools.product(*study.grid.values())
     ]
+    settings = {"study": name, **vars(budget), "data": scenario.data_hash("train")}
+    out.mkdir(parents=True, exist_ok=True)
     with locked(out), termination_interrupts():
+        new = _begin(out, settings)
         try:
             # One training a task: a process that is free takes the next, and none is begun twice.
             tables = worker_pool(jobs, batch_size=1)(
                 joblib.delayed(_rows)(study, variant, budget, out, progress and jobs == 1)
                 for variant in variants
             )
+            table: pd.DataFrame = pd.concat(tables, ignore_index=True)
+            atomic_write(out / SAMPLES, table.to_parquet())
         except InputError:
             # Where nothing was trained yet, other options may be right.
             if new and not any(out.glob(f"*/{SAMPLES}")):
@@ -164,8 +169,6 @@ def run_study(
                 f"Interrupted: finished trainings and epochs are stored in {out}; the same command "
                 "continues."
             ) from stop
-    table: pd.DataFrame = pd.concat(tables, ignore_index=True)
-    table.to_parquet(out / SAMPLES)
     return table
 
 
@@ -185,9 +188,8 @@ def _begin(out: Path, settings: Mapping[str, Any]) -> bool:
                     "another folder with --out."
                 )
         return False
-    if out.exists() and any(out.iterdir()):
+    if any(entry.name != LOCK for entry in out.iterdir()):
         raise InputError(f"{out} is not empty and holds no study: choose another folder.")
-    out.mkdir(parents=True, exist_ok=True)
     atomic_write(file, (json.dumps(settings, indent=1) + "\n").encode())
     return True
 

@@ -170,7 +170,8 @@ class Worker:
         elif -code == getattr(signal, "SIGKILL", None):
             status, how = "out-of-memory", "was killed (out of memory, or by hand)"
         else:
-            how = f"died of {signal.Signals(-code).name}"
+            named = {known.value: known.name for known in signal.Signals}
+            how = f"died of {named.get(-code, f'signal {-code}')}"
         return WorkerLostError(Failure(status, f"its process {how} during {what}"))
 
 

@@ -53,7 +53,7 @@ def printed(
 
 def _command(line: str) -> str:
     """The command as a user writes it, without folder and processes, also if `python -c` ran it."""
-    return re.sub(r" --(out|jobs) \S+", "", re.sub(r"^-c ", "eitbench ", line))
+    return re.sub(r" --(out|jobs) ('[^']*'|\S)+", "", re.sub(r"^-c ", "eitbench ", line))
 
 
 def about_runs(runs: Sequence[Run]) -> list[dict[str, object]]:

@@ -148,6 +148,17 @@ def test_what_was_measured_before_an_interruption_is_decided_on(
     choice = choose(str(tmp_path / "tiny.toml"), tmp_path / "out", methods=names, time_limit_s=90)
     assert [row.method for row in choice.tried] == ["back-projection"]
     assert choice.not_tried == ("noser",)
+
+    def stopped(_: Any, method: str, *__: Any) -> Any:
+        if method == "noser":
+            raise KeyboardInterrupt
+        return None, "defaults"
+
+    with monkeypatch.context() as patch:
+        patch.setattr(measure, "parameters_of", stopped)
+        in_tuning = tmp_path / "tuning"
+        choice = choose(str(tmp_path / "tiny.toml"), in_tuning, methods=names, time_limit_s=90)
+    assert [row.method for row in choice.tried] == ["back-projection"]
     with pytest.raises(RunInterruptedError):
         choose(str(tmp_path / "tiny.toml"), tmp_path / "none", methods=("noser",), time_limit_s=90)
 

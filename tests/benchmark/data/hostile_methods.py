@@ -73,6 +73,7 @@ def prints_a_lot() -> None:
 
 
 untouched("segfaults", lambda: ctypes.string_at(0))
+untouched("dies-of-a-signal", lambda: os.kill(os.getpid(), signal.SIGRTMIN + 6))  # without a name
 untouched("is-killed", lambda: os.kill(os.getpid(), signal.SIGKILL))  # as without memory
 untouched("kills-its-guard", kills_its_guard)
 untouched("kills-the-server", kills_the_server)

@@ -170,6 +170,18 @@ def test_positions_are_judged_in_the_robot_s_frame() -> None:
     np.testing.assert_allclose(nothing["localisation_mm"], 140 * registration.scale, rtol=1e-9)
 
 
+def test_finding_nothing_is_never_better_than_guessing() -> None:
+    """A similarity of images that say nothing shrinks them."""
+    validation, _ = position_data(100, 1)
+    registration = fit_registration(validation, presses(places(100, 7)))
+    assert registration.scale < 0.5
+    test, _ = position_data(100, 2)
+    guessed = evaluate(test, presses(places(100, 8)), registration)["localisation_mm"]
+    nothing = evaluate(test, np.full((100, 40, 40), SKIN.background), registration)
+    np.testing.assert_allclose(nothing["localisation_mm"], 140, rtol=1e-9)
+    assert guessed.max() < 140
+
+
 def test_a_method_that_cannot_be_registered_gains_nothing() -> None:
     validation, _ = position_data(30, 1)
     blank = np.full((30, 40, 40), np.nan)

@@ -114,6 +114,9 @@ def test_bad_input_is_one_clear_sentence() -> None:
         metrics.ssim(truth, estimate, 1.0, np.eye(16, dtype=bool))
     with pytest.raises(InputError, match="7 x 7 pixels"):
         metrics.ssim(truth[:, :6], estimate[:, :6], 1.0)
+    for window in (1, 6):
+        with pytest.raises(InputError, match=f"odd side of at least 3 pixels, got {window}"):
+            metrics.ssim(truth, estimate, 1.0, window=window)
     with pytest.raises(InputError, match="RIE"):
         metrics.rie(0 * truth, estimate)
     estimate[1, 3, 3] = np.nan

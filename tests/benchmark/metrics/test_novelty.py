@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eitbench.benchmark.metrics.novelty import FALSE_ALARMS, auroc_and_caught, residuals
+from eitbench.benchmark.metrics.novelty import (
+    FALSE_ALARMS,
+    auroc_and_caught,
+    frame_scores,
+    residuals,
+)
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.phantoms.families import DeclaredFamily
+from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 
 DISC = DeclaredFamily(name="disc", shape="circle", sizes={"radius": (0.1, 0.2)})
@@ -94,3 +100,57 @@ def test_an_image_that_is_not_finite_or_not_positive_is_no_error() -> None:
     found = residuals(data, images)["residual"]
     assert np.isnan(found[0])
     assert np.isfinite(found[1:]).all()
+
+
+def numbers(data: Dataset) -> np.ndarray:
+    """The three numbers of frames, of which one reference is 2 % off the model in every second."""
+    model = forward_model(data.sensor)
+    untouched = model.voltages(model.background)
+    rows = []
+    for frame, reference in zip(data.voltages, data.references, strict=True):
+        change = frame - reference
+        gain = reference @ untouched / (untouched @ untouched)
+        rows.append(
+            (
+                np.log(np.linalg.norm(change) / np.linalg.norm(reference)),
+                change @ reference / np.linalg.norm(change) / np.linalg.norm(reference),
+                np.log(np.linalg.norm(reference / gain - untouched) / np.linalg.norm(untouched)),
+            )
+        )
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_a_frame_is_as_novel_as_its_most_unusual_number(number: int) -> None:
+    """A touch that is far stronger, one the other way round, and a reference of another sensor."""
+    noisy = SCENARIO.model_copy(update={"noise": SplitNoise(test=50.0), "test": 12})
+    familiar = load(noisy, "test")
+    change, reference = familiar.voltages - familiar.references, familiar.references
+    if number == 0:
+        change = 40 * change
+    elif number == 1:
+        change = -change
+    else:
+        rng = np.random.default_rng(4)
+        reference = reference * (1 + 0.5 * rng.random(reference.shape))
+    novel = replace(familiar, voltages=reference + change, references=reference)
+    usual = numbers(familiar)
+    apart = np.abs(numbers(novel) - usual.mean(axis=0)) / np.maximum(usual.std(axis=0), 0.01)
+    assert (apart.argmax(axis=1) == number).mean() > 0.9
+    np.testing.assert_allclose(frame_scores(novel, familiar), apart.max(axis=1), rtol=1e-6)
+
+
+def test_frames_that_share_a_reference_do_not_make_it_certain() -> None:
+    noisy = SCENARIO.model_copy(update={"noise": SplitNoise(test=50.0), "test": 3})
+    familiar = load(noisy, "test")  # a session of one reference
+    assert np.ptp(familiar.references, axis=0).max() == 0
+    other = replace(familiar, references=familiar.references * 1.01)
+    assert np.isfinite(frame_scores(other, familiar)).all()
+    usual = numbers(familiar)
+    assert usual.std(axis=0)[2] < 1e-12
+    off = 0.01 * familiar.references * np.cos(np.arange(familiar.references.shape[1]))
+    moved = replace(
+        familiar, voltages=familiar.voltages + off, references=familiar.references + off
+    )
+    apart = np.abs(numbers(moved) - usual.mean(axis=0)) / np.maximum(usual.std(axis=0), 0.01)
+    np.testing.assert_allclose(frame_scores(moved, familiar), apart.max(axis=1), rtol=1e-6)

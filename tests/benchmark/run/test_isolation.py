@@ -37,6 +37,7 @@ def run(tiny: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("noser", "ok", ""),
         ("behaves", "ok", ""),
         ("segfaults", "error", "died of SIGSEGV"),
+        ("dies-of-a-signal", "error", f"died of signal {signal.SIGRTMIN + 6}"),
         ("is-killed", "out-of-memory", "its process was killed (out of memory, or by hand)"),
         ("kills-its-guard", "out-of-memory", "its process was killed (out of memory, or by hand)"),
         ("kills-the-server", "ok", ""),

@@ -2,11 +2,13 @@
 
 import errno
 import json
+import shutil
 import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,7 @@ from eitbench.benchmark.run import cell, method_cell, runner
 from eitbench.benchmark.run import executors as execution
 from eitbench.benchmark.run.cell_task import CellData, CellPlan
 from eitbench.benchmark.run.method_cell import MethodData
+from eitbench.benchmark.run.progress import Advance, RunProgress
 from eitbench.benchmark.run.runner import Plan, RunResult, make_plan, resume_run, start_run
 from eitbench.benchmark.rundir import lock
 from eitbench.benchmark.rundir import plan as plan_module
@@ -244,6 +247,31 @@ def test_a_full_disk_keeps_what_was_finished_and_resumes(
     manifest = json.loads((cut / "manifest.json").read_text())
     assert len(manifest["resumed"]) == 1
     assert resume_run(cut, suite=tiny).path == cut  # nothing left to do
+
+
+def test_frames_that_are_stored_on_the_way_are_counted(
+    tiny: Suite, toys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whose batch fails is asked frame by frame, and its rows are stored as they come."""
+    monkeypatch.setattr(cell, "SAVE_SECONDS", -1.0)
+    progress, counted = RunProgress(quiet=True), list[int]()
+
+    @contextmanager
+    def counting(name: str, frames: int) -> Iterator[Advance]:
+        assert frames == N
+        yield counted.append
+
+    monkeypatch.setattr(progress, "cell", counting)
+    start_run(plan_of(tiny, toys, "toy-memory"), tmp_path / "run", progress=progress)
+    assert sum(counted) == N
+
+
+def test_a_run_that_was_killed_before_its_plugins_were_kept_keeps_them(cut_run: Path) -> None:
+    kept = [*(cut_run / "plugins").iterdir()]
+    texts = [path.read_text() for path in kept]
+    shutil.rmtree(cut_run / "plugins")
+    resume_run(cut_run)
+    assert [path.read_text() for path in kept] == texts
 
 
 @pytest.mark.slow

@@ -129,10 +129,26 @@ def test_a_run_is_timed_on_the_idlest_core_of_equals_the_last(
 ) -> None:
     busy = [5.0, 0.0, 40.0, 0.0]
     monkeypatch.setattr("psutil.cpu_percent", lambda *_, percpu: busy)
+    monkeypatch.setattr(timing, "_listed_cores", lambda: [0, 1, 2, 3])
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3})
     assert timing.core_to_pin() == 3
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 2})
     assert timing.core_to_pin() == 0
+
+
+def test_cores_that_are_off_are_not_counted(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Numbers of cores have gaps where siblings are off, and loads are listed without them."""
+    (tmp_path / "stat").write_text("cpu  9 9\ncpu0 1 1\ncpu2 1 1\ncpu4 1 1\ncpu6 1 1\nintr 5\n")
+    monkeypatch.setattr(timing, "_CORES", tmp_path / "stat")
+    monkeypatch.setattr("psutil.cpu_percent", lambda *_, percpu: [5.0, 0.0, 40.0, 7.0])
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 2, 4, 6})
+    assert timing.core_to_pin() == 2
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {4, 6})
+    assert timing.core_to_pin() == 6
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 8})  # one that is not listed
+    assert timing.core_to_pin() == 8
 
 
 def test_the_calibration_solve_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,9 @@
 import getpass
 import json
 import platform
+import shlex
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -45,6 +47,12 @@ def test_a_processor_is_named_with_what_tells_it_from_others(
     assert manifest.cpu_model.__wrapped__() == BARE
     manifest.CPUINFO.write_text(text)
     assert manifest.cpu_model.__wrapped__() == expected
+
+
+def test_the_command_can_be_given_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = ["run", "my suite.toml", "--parameters", '{"noser": {"weight": 0.1}}']
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/eitbench", *given])
+    assert shlex.split(manifest.command_line()) == ["eitbench", *given]
 
 
 def test_the_commit_is_that_of_the_checkout() -> None:

@@ -77,9 +77,11 @@ def test_the_worth_is_the_paired_difference_of_scores(monkeypatch: pytest.Monkey
     last = table.iloc[-1]
     assert (last["known"], last["unknown"]) == pytest.approx([lead.mean() for lead in leads])
     assert last["worth"] == pytest.approx(leads[0].mean() - leads[1].mean())
-    intervals = [bootstrap(lead[:, None], sessions)[0] for lead in leads]
-    halves = [one.value - one.low for one in intervals]
-    assert last["worth"] - last["low"] >= max(halves)
+    known, unknown = (bootstrap(lead[:, None], sessions)[0] for lead in leads)
+    below = np.hypot(known.value - known.low, unknown.high - unknown.value)
+    above = np.hypot(known.high - known.value, unknown.value - unknown.low)
+    assert last["worth"] - last["low"] == pytest.approx(below)
+    assert last["high"] - last["worth"] == pytest.approx(above)
 
 
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
