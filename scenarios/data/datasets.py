@@ -294,7 +294,8 @@ def _measured(
         references[rows] = board.digital(at_rest[None], untouched, pattern)
         frames[rows] = board.received(sent, references[first], first)
         snr_db[rows] = level
-        touch_snr_db[rows] = snr_of_touch(touched - untouched, analogue, level)
+        heard = ~np.isin(pattern.table, board.dead).any(axis=1)
+        touch_snr_db[rows] = snr_of_touch((touched - untouched) * heard, analogue, level)
     return _Measured(frames, references, snr_db, touch_snr_db, distance_db)
 
 

@@ -174,11 +174,14 @@ def _placed(recording: str, sensor: Sensor) -> Presses:
     own = RecordedScenario(name="other", recording=recording).nominal_sensor
     onto = None
     if own.pattern.describe() == sensor.pattern.describe():
-        onto = fit_similarity(_electrodes(own), _electrodes(sensor))
-    if onto is None:
+        from_, to = _electrodes(own), _electrodes(sensor)
+        onto = fit_similarity(from_, to)
+        apart = np.inf if onto is None else np.hypot(*(onto(from_) - to).T).max()
+    # Farther off, an electrode is nearer to a neighbour's place.
+    if onto is None or apart > sensor.outline.perimeter / sensor.n_electrodes / 2:
         raise InputError(
             f"The electrodes of {recording!r} are not those of {sensor.name!r}: the other skins "
-            "need as many, driven in the same pattern."
+            "need as many, in the same places, driven in the same pattern."
         )
     presses = _presses(recording)[0]
     return Presses(presses.differences, onto(presses.places))

@@ -291,7 +291,7 @@ class _Problem:
     def _weights(self, values: Array) -> Array:
         """Weights (M,) of the residuals: one over the noise, less where no such sensor fits."""
         residual = self.reference - self.factor(values) * values
-        noise = NOISE * float(np.sqrt(np.mean(self.reference**2)))
+        noise = NOISE * float(np.sqrt(np.mean(self.reference[self.sound] ** 2)))
         typical = max(noise, float(np.median(np.abs(residual[self.sound]))))
         fitting = np.exp(-((residual / (_OUTLYING * typical)) ** 2) / 2)
         return np.asarray(fitting * self.sound / noise)

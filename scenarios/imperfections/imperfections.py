@@ -11,8 +11,8 @@ In the order in which they act on a touch:
 3. The board. Every channel (pair of measuring electrodes) has a gain and an offset of its own; a
    value still holds a part of the one measured before it (settling), and mains hum; the converter
    clips and rounds.
-4. Faults: electrodes without contact, a channel that saturates, lost frames (the last one is seen
-   again), and a reference frame that is old.
+4. Faults: electrodes without contact, a channel that saturates, lost frames (the one sent before
+   is seen again, even if that was lost), and a reference frame that is old.
 
 What is drawn (standard normal, by the key of a unit and of the quantity) is multiplied with the
 declared magnitude, so that the same unit shows the same deviation alone, among all others, and at
@@ -83,7 +83,7 @@ class Imperfections(Declaration):
         bits: resolution of the converter; None for one that does not round.
         dead: electrodes without contact: what they drive or measure reads 0.
         saturated: a channel, numbered in the order of its first measurement, that clips.
-        lost_every: one in so many frames is lost, drawn for each, and the last one seen again.
+        lost_every: one in so many frames is lost, drawn for each, and the one before seen again.
         reference_age_s: age of the reference frames at the first touch of a split [s]; at those of
             a later session they are older by the touches between.
     """
@@ -190,7 +190,7 @@ class Imperfections(Declaration):
         channel, pairs = channels(pattern)
         rms = float(np.sqrt(np.mean(untouched**2)))
         values *= 1 + self._drawn("gain", len(pairs))[channel] * self.gain
-        values += self._scaled(self.settling) * (np.roll(values, 1, axis=1) - values)
+        values += min(self._scaled(self.settling), 1.0) * (np.roll(values, 1, axis=1) - values)
         if self.mains:
             measured_at = times_s[:, None] + frame_s * np.arange(len(channel)) / len(channel)
             rng = generator("unit", self.unit, "mains")
@@ -217,9 +217,10 @@ class Imperfections(Declaration):
         return values
 
     def received(self, frames: Array, before: Array, first: int = 0) -> Array:
-        """The frames (n, M) of one session that arrive: instead of a lost one, the last one sent.
+        """The frames (n, M) of one session that arrive: instead of a lost one, the one before it.
 
-        The first of them has the number `first`; `before` (M,) was sent before it.
+        That one is sent again, so that it is seen even if it was lost itself. The first of them has
+        the number `first`; `before` (M,) was sent before it.
         """
         if self.lost_every is None:
             return frames

@@ -8,10 +8,10 @@ over the sensor compare. Touches are soft presses of one round indenter
 import itertools
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from eitbench.scenarios.declaration import Declaration
 from eitbench.scenarios.errors import InputError
@@ -70,6 +70,12 @@ class Acuity(Declaration):
         if np.max(value) > PRESSURE_PA[1]:
             raise ValueError(f"the law of the foam holds up to {PRESSURE_PA[1]:g} Pa")
         return value
+
+    @model_validator(mode="after")
+    def _apart(self) -> Self:
+        if self.distances[0] < 2 * self.radius:
+            raise ValueError("two indenters are at least one diameter apart: give larger distances")
+        return self
 
     def places(self, sensor: Sensor) -> list[tuple[float, float]]:
         """Return the places of the lattice [m], row by row: those that have room for the indenter.

@@ -175,6 +175,8 @@ class DeclaredFamily(Declaration):
             )
         if shape == "l-shape" and value["width"][1] >= value["arm"][0]:
             raise ValueError("the arm of an L is longer than it is wide")
+        if shape == "ring" and value["inner_ratio"][1] >= 1:
+            raise ValueError("the hole of a ring is smaller than the ring")
         return value
 
     def family(self) -> Family:

@@ -68,7 +68,7 @@ class ForwardModel:
         Raises:
             InputError: a wrong image shape, or a pixel that is not finite and positive.
         """
-        voltages, _ = self._solve(self._checked(sigma), fields=False)
+        voltages, _ = self._solve(checked_images(self.sensor, sigma), fields=False)
         return voltages.reshape(*np.shape(sigma)[:-2], self.sensor.n_measurements)
 
     def voltages_and_fields(self, sigma: ArrayLike) -> tuple[Array, Array]:
@@ -78,7 +78,7 @@ class ForwardModel:
         electrode, against the electrodes' mean; the last E rows are the electrodes'. They take
         0.8 MB an image of 80 x 80 pixels.
         """
-        return self._solve(self._checked(sigma), fields=True)
+        return self._solve(checked_images(self.sensor, sigma), fields=True)
 
     def pullback(self, fields: Array, cotangent: ArrayLike) -> Array:
         """J^T g (n, H, W) for a cotangent g (n, M), from the fields of n images.
@@ -149,23 +149,6 @@ class ForwardModel:
         image.setflags(write=False)  # models are shared, and all rest on it
         return image
 
-    def _checked(self, sigma: ArrayLike) -> Array:
-        images = np.asarray(sigma, dtype=np.float64)
-        shape = self.sensor.image_shape
-        if images.ndim < 2 or images.shape[-2:] != shape:
-            raise InputError(
-                f"Conductivity for {self.sensor.name!r} needs shape (..., {shape[0]}, {shape[1]}), "
-                f"got {images.shape}."
-            )
-        images = images.reshape(-1, *shape)
-        everywhere = self.sensor.mask.all()
-        inside = images if everywhere else images[:, self.sensor.mask]
-        if not (np.isfinite(inside).all() and (inside > 0).all()):
-            raise InputError("Conductivity must be finite and above 0 S/m in every pixel.")
-        if not everywhere:
-            images = np.where(self.sensor.mask, images, self.sensor.background)
-        return images
-
     def _solve(self, images: Array, *, fields: bool) -> tuple[Array, Array]:
         """Voltages (n, M) [V/A] as the board measures them, and the fields if asked for."""
         sigma = images.reshape(len(images), images.shape[1] * images.shape[2])
@@ -192,6 +175,27 @@ class ForwardModel:
 
     def _signed(self, resistance: Array) -> Array:
         return signed_voltages(self.sensor.pattern.table, resistance)
+
+
+def checked_images(sensor: Sensor, sigma: ArrayLike) -> Array:
+    """Images (n, H, W) [S/m] of a sensor, of one or more; beside the sensor they are untouched.
+
+    Raises:
+        InputError: they have another shape, or are not finite and above 0 S/m on the sensor.
+    """
+    images = np.asarray(sigma, dtype=np.float64)
+    shape = sensor.image_shape
+    if images.ndim < 2 or images.shape[-2:] != shape:
+        raise InputError(
+            f"Conductivity for {sensor.name!r} needs shape (..., {shape[0]}, {shape[1]}), "
+            f"got {images.shape}."
+        )
+    images = images.reshape(-1, *shape)
+    everywhere = sensor.mask.all()
+    inside = images if everywhere else images[:, sensor.mask]
+    if not (np.isfinite(inside).all() and (inside > 0).all()):
+        raise InputError("Conductivity must be finite and above 0 S/m in every pixel.")
+    return images if everywhere else np.where(sensor.mask, images, sensor.background)
 
 
 def difference_map(table: NDArray[np.int64], electrodes: int) -> Array:

@@ -19,7 +19,7 @@ from scipy import sparse
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.elements import electrode_terms, stiffness
-from eitbench.scenarios.physics.forward import signed_voltages
+from eitbench.scenarios.physics.forward import checked_images, signed_voltages
 from eitbench.scenarios.physics.mesh import Mesh, grid_mesh
 from eitbench.scenarios.sensors.outlines import is_rectangle
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -38,6 +38,14 @@ class Depth:
     thickness_m: float
     electrode: tuple[float, float]
     layers: int
+
+    def __post_init__(self) -> None:
+        ends = np.multiply(self.electrode, self.layers)
+        if not (0 <= ends[0] < ends[1] <= self.layers and np.allclose(ends, np.round(ends))):
+            raise InputError(
+                f"Electrodes of a slab of {self.layers} layers end between two of them; "
+                f"{self.electrode} of its thickness does not."
+            )
 
     @property
     def _step(self) -> float:
@@ -92,8 +100,12 @@ class SlabModel:
         """Voltages (M,) [V/A] of one image (H, W) [S/m], times the thickness [m].
 
         They are those of a sheet of the same conductance, so that the plane's model is comparable.
+
+        Raises:
+            InputError: no image of the sensor, see `checked_images`.
         """
-        values = np.asarray(sigma, dtype=np.float64).ravel()
+        (image,) = checked_images(self.sensor, sigma)
+        values = image.ravel()
         plane, across = _plane(self._mesh, values), _plane(self._mesh, values, mass=True)
         system = sparse.kron(plane, self._depth.mass()) + sparse.kron(
             across, self._depth.stiffness()

@@ -1,5 +1,6 @@
 """Drive patterns: driving and measuring pairs of electrodes, as an (M, 4) table."""
 
+from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -54,13 +55,12 @@ class DrivePattern:
 
         Driving (src, sink) and measuring (a, b) equals driving (a, b) and measuring (src, sink).
         """
-        seen: dict[tuple[frozenset[int], frozenset[int]], int] = {}
+        seen: dict[tuple[frozenset[int], frozenset[int]], list[int]] = defaultdict(list)
         pairs = []
         for k, (src, sink, a, b) in enumerate(self.table.tolist()):
             drive, sense = frozenset((src, sink)), frozenset((a, b))
-            if (sense, drive) in seen:
-                pairs.append((seen[sense, drive], k))
-            seen[drive, sense] = k
+            pairs += [(earlier, k) for earlier in seen[sense, drive]]
+            seen[drive, sense].append(k)
         return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
     def reciprocal_signs(self, pairs: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -175,10 +175,12 @@ def independent(
     """
     root, sign = np.arange(pattern.n_measurements), np.ones(pattern.n_measurements, np.float32)
     pairs = pattern.reciprocal_pairs()
-    # In ascending order of the second, so that the first of a pair is resolved before it is used.
-    for (earlier, later), pair_sign in zip(pairs, pattern.reciprocal_signs(pairs), strict=True):
-        root[later] = root[earlier]
-        sign[later] = sign[earlier] * pair_sign
+    for (one, other), pair_sign in zip(pairs, pattern.reciprocal_signs(pairs), strict=True):
+        # All that equal the one of the two with the later root equal the other one's root.
+        first, last = (one, other) if root[one] < root[other] else (other, one)
+        joined = root == root[last]
+        sign[joined] *= sign[first] * pair_sign * sign[last]
+        root[joined] = root[first]
     first, owner = np.unique(root, return_inverse=True)
     return first, owner, sign
 

@@ -96,11 +96,11 @@ def sensor_to_toml(sensor: Sensor, remarks: Sequence[str] = ()) -> str:
     """
 
     def listed(values: Iterable[float]) -> str:
-        return "[" + ", ".join(map(repr, values)) + "]"
+        return "[" + ", ".join(repr(float(value)) for value in values) + "]"
 
     rim = sensor.outline
     if isinstance(rim, Disc):
-        outline = f"disc_radius_mm = {_millimetres(rim.radius)!r}"
+        outline = f"disc_radius_mm = {float(_millimetres(rim.radius))!r}"
     else:
         outline = "polygon_mm = [\n"
         outline += (
@@ -111,9 +111,9 @@ def sensor_to_toml(sensor: Sensor, remarks: Sequence[str] = ()) -> str:
     lines = [
         *(f"# {' '.join(remark.split())}" for remark in remarks),
         f"name = {json.dumps(sensor.name)}",
-        f"background = {sensor.background!r}",
+        f"background = {float(sensor.background)!r}",
         f"image_shape = {list(sensor.image_shape)}",
-        f"data_range = {sensor.data_range!r}",
+        f"data_range = {float(sensor.data_range)!r}",
         f"conductivity_range = {listed(sensor.conductivity_range)}",
         "",
         "[outline]",
@@ -219,6 +219,11 @@ class ElectrodesDeclaration(Declaration):
     def build(self, outline: Outline) -> tuple[Electrode, ...]:
         """The electrodes [m]."""
         centres = [centre * _MM for centre in self.centres_mm or ()]
+        if centres and max(map(abs, centres)) > outline.perimeter:
+            raise InputError(
+                f"`centres_mm` are along the rim, which has {outline.perimeter / _MM:.1f} mm; got "
+                f"{max(centres, key=abs) / _MM:g}."
+            )
         if self.count is not None:
             start = self.start_mm * _MM
             even = even_electrodes(outline, self.count, 1, 1, start=start, clockwise=self.clockwise)
@@ -296,8 +301,9 @@ def read_sensor(path: Path) -> Sensor:
         outline = declared.outline.build()
         field = "pattern"
         pattern = declared.pattern.build(declared.electrodes.n)
-        # All else being checked, what a sensor may still refuse is where its electrodes are.
         field = "electrodes"
         return declared.with_parts(outline, declared.electrodes.build(outline), pattern)
     except InputError as error:
+        # Beside where electrodes are, a sensor refuses pixels that are too coarse for its outline.
+        field = "image_shape" if "image_shape" in str(error) else field
         raise field_error("Sensor", path, (field,), error) from error

@@ -155,6 +155,11 @@ class SimulatedScenario(Declaration):
                 raise ValueError(f"`dead` names one of the electrodes 0 to {last} of the sensor")
             if np.isin(sensor.pattern.table, declared.dead).any(axis=1).all():
                 raise ValueError("`dead` leaves no measurement: name fewer electrodes")
+            of = (sensor.pattern.table[:, :, None] == np.arange(last + 1)).any(axis=1)
+            if getattr(declared, "dead_share", 0) and (~of.T.astype(int) @ ~of == 0).any():
+                raise ValueError(
+                    "`dead_share` may draw two electrodes that leave no measurement: leave it out"
+                )
             if (declared.saturated or 0) >= count:
                 raise ValueError(f"`saturated` names one of the channels 0 to {count - 1}")
             if declared.mesh == "slab" and not is_rectangle(sensor.outline):

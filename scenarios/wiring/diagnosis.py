@@ -59,7 +59,8 @@ class Diagnosis:
         never_alone: electrodes that drive and sense only together with a dead one, so that nothing
             says whether they have contact.
         saturated: indices of saturated values: far too large, or several at one end of the range.
-        measured, modelled: (M,) the mean frame, and the prediction times the gain.
+        measured, modelled: (M,) the median frame (of two the mean), and the prediction times the
+            gain.
         noise: (M,) standard deviation from frame to frame; NaN for one frame.
         snr_db: rms of the frame over that of the noise [dB].
         drift: change from the first to the last third of the frames, over the frame's norm.
@@ -153,7 +154,8 @@ def diagnose(
         best = min((best, *close), key=lambda of: (of.wiring.step < 0, of.wiring.start, of.misfit))
     turned = certainty == "sure but for start and direction"
     far = [of for of in found if of is not best and of not in close]
-    rest = search.not_turned(best, far[:_RIVALS]) if turned else found[1:2]
+    other = [of for of in found if of.wiring != best.wiring]
+    rest = search.not_turned(best, far[:_RIVALS]) if turned else other[:1]
     table = search.table(best.wiring)
     signed = expected[tuple(table.T)]
     sign = best.sign

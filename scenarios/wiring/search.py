@@ -29,7 +29,8 @@ _FAR = 10.0
 _TURNED = 40
 """Answers with interchanged electrodes, the best ones, that are tried from every electrode."""
 _DISTINCT = 150
-"""Answers, the best ones, of which those that mean the same are found."""
+"""Answers, the best ones, of which those that mean the same are found; more of many electrodes, as
+on a round sensor every answer has equals from each electrode, in both directions and orders."""
 _WORK = 400_000
 """Values that are predicted for hypotheses with interchanged electrodes."""
 
@@ -148,7 +149,7 @@ class Search:
         return [code.tobytes() for code in codes]
 
     def _distinct(self, found: list[Found]) -> list[Found]:
-        found = sorted(found, key=lambda of: of.misfit)[:_DISTINCT]
+        found = sorted(found, key=lambda of: of.misfit)[: max(_DISTINCT, 8 * self._e)]
         seen: dict[bytes, Found] = {}
         tables = np.stack([self.table(of.wiring) for of in found])
         for of, code in zip(found, self._meant(tables), strict=True):

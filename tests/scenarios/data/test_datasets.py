@@ -164,6 +164,16 @@ def test_the_snr_of_the_touch_is_measured_against_the_untouched_sensor() -> None
     assert clean.samples["touch_snr_db"].isna().all()
 
 
+def test_what_a_dead_electrode_would_have_measured_is_no_signal() -> None:
+    board = Imperfections(dead=(5, 12))
+    faulty = SCENARIO.model_copy(update={"imperfections": board})
+    noisy, clean = load(faulty), load(faulty.model_copy(update={"noise": SplitNoise()}))
+    rms = np.sqrt(np.mean(clean.voltages**2, axis=1))
+    touch = np.sqrt(np.mean((clean.voltages - clean.references) ** 2, axis=1))
+    expected = noisy.samples["snr_db"] + 20 * np.log10(touch / rms)
+    np.testing.assert_allclose(noisy.samples["touch_snr_db"], expected, atol=1e-6)
+
+
 def test_splits_have_their_own_noise_and_samples() -> None:
     train, validation = load(SCENARIO, "train"), load(SCENARIO, "validation")
     assert 0 < train.samples["snr_db"].isna().sum() < 30

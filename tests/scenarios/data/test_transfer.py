@@ -78,8 +78,11 @@ def test_what_cannot_be_is_said(tmp_path: Path) -> None:
     several = recording(tmp_path / "two.h5", 40, SKIN, {"touch": 3, "x_m": 0.05, "y_m": 0.05})
     with pytest.raises(InputError, match="touches of several contacts"):
         given(several, 10)
-    with pytest.raises(InputError, match="are not those of 'bench'"):
-        given(path, 0, others=("ohmc8",))
+    shuffled = renumbered(SKIN, np.random.default_rng(0).permutation(16))
+    wrong = recording(tmp_path / "shuffled.h5", 20, shuffled)
+    for other in ("ohmc8", wrong):
+        with pytest.raises(InputError, match="are not those of 'bench'"):
+            given(path, 0, others=(other,))
     scenario = TransferScenario(name="new", recording=path, labelled=0)
     with pytest.raises(InputError, match="has no splits of its own"):
         load(scenario)

@@ -155,6 +155,16 @@ def test_faults_do_not_spoil_the_rest() -> None:
         assert np.std(faulty.shifts - shifts()) < 0.7 * np.std(shifts()), fault
 
 
+@pytest.mark.parametrize("count", [1, 8])
+def test_values_far_too_large_are_left_out(count: int) -> None:
+    """Those at the end of their range are no reason to trust all others less."""
+    frame = reference(BOARD)
+    frame[0, np.argsort(-np.abs(frame[0]))[:count]] *= 300
+    faulty = calibrate(FOAM, frame)
+    assert faulty.credible
+    assert faulty.misfit_after < 0.1 * faulty.misfit_before
+
+
 @pytest.mark.parametrize("dead", [0, 2])
 def test_one_dead_electrode_of_eight_leaves_a_factor_and_a_frame(dead: int) -> None:
     """It takes part in half of all measurements or more."""

@@ -130,6 +130,8 @@ def test_settling_leaves_a_part_of_the_value_before(
 ) -> None:
     found = through(Imperfections(settling=0.1), frames, untouched)
     assert np.allclose(found[:, 1:], 0.9 * frames[:, 1:] + 0.1 * frames[:, :-1])
+    most = through(Imperfections(settling=0.5, severity=4), frames, untouched)
+    assert np.allclose(most[:, 1:], frames[:, :-1])  # all that a value can be
 
 
 def test_mains_hum_with_their_frequency(untouched: np.ndarray) -> None:

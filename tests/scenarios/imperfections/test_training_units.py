@@ -1,5 +1,7 @@
 """Units that training data are of: drawn around the nominal sensor, and of no other split."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -118,6 +120,26 @@ def test_scenarios_without_such_units_keep_their_hashes() -> None:
     }
     for name, train_data in known.items():
         assert scenario_by_name(name).data_hash("train") == train_data
+
+
+def test_units_that_would_measure_nothing_are_refused(tmp_path: Path) -> None:
+    """Two dead electrodes of four are all pairs; of foam16 they never are."""
+    text = """name = "four"
+[outline]
+polygon_mm = [[0, 0], [100, 0], [100, 100], [0, 100]]
+[electrodes]
+count = 4
+width_mm = [10]
+contact_impedance = [1e-3]
+[pattern]
+offset = 1
+"""
+    (tmp_path / "four.toml").write_text(text)
+    fields = NOMINAL.model_dump() | {
+        "sensor": str(tmp_path / "four.toml"), "training_imperfections": {"dead_share": 0.5},
+    }  # fmt: skip
+    with pytest.raises(ValidationError, match="`dead_share` may draw two electrodes"):
+        SimulatedScenario.model_validate(fields)
 
 
 @pytest.mark.parametrize(

@@ -76,6 +76,8 @@ def test_noise_that_is_not_given_and_a_sensor_without_room_are_one_sentence() ->
         Acuity(pressures=(2e3, 1e3, 3e3))
     with pytest.raises(ValueError, match="holds up to 60000 Pa"):
         Acuity(pair_pressure=1e5)
+    with pytest.raises(ValueError, match="at least one diameter apart"):
+        Acuity(radius=0.06, distances=(0.1, 0.2, 0.3))
     outline = rectangle(0.05, 0.015)
     narrow = replace(
         sensor("foam16"), outline=outline, name="narrow",
@@ -84,4 +86,4 @@ def test_noise_that_is_not_given_and_a_sensor_without_room_are_one_sentence() ->
     with pytest.raises(ValueError, match="'narrow' is 15 mm wide, and its foam, 10 mm thick"):
         Acuity().places(narrow)
     with pytest.raises(ValueError, match="has room for 1 places of a touch"):
-        Acuity(radius=0.45).places(sensor("foam16"))
+        Acuity(radius=0.45, distances=(0.91, 0.93, 0.95)).places(sensor("foam16"))

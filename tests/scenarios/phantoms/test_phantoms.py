@@ -10,7 +10,7 @@ from tests.support.families import PUBLISHED_FAMILIES, TANK_FAMILIES
 
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms import families
-from eitbench.scenarios.phantoms.families import FAMILIES, family
+from eitbench.scenarios.phantoms.families import FAMILIES, DeclaredFamily, family
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
 from eitbench.scenarios.phantoms.regions import Circle, Ellipse, Polygonal, Pose, Region, Ring
 from eitbench.scenarios.seeds import generator
@@ -242,3 +242,17 @@ def test_too_narrow_an_outline_is_refused_in_one_sentence() -> None:
     sensor = Sensor("sliver", cross, electrodes, offset_pattern(4, 1))
     with pytest.raises(InputError, match=r"No place for a phantom of family 'rectangle'.*'sliver'"):
         draw(family("rectangle"), sensor, generator("narrow"))
+
+
+@pytest.mark.parametrize(
+    ("shape", "sizes", "sentence"),
+    [
+        ("l-shape", {"arm": (0.2, 0.3), "width": (0.1, 0.2)}, "longer than it is wide"),
+        ("ring", {"outer": (0.2, 0.3), "inner_ratio": (0.5, 1.0)}, "smaller than the ring"),
+    ],
+)
+def test_a_shape_that_is_none_is_refused(
+    shape: str, sizes: dict[str, tuple[float, float]], sentence: str
+) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        DeclaredFamily(name="mine", shape=shape, sizes=sizes)

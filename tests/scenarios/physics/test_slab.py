@@ -62,6 +62,16 @@ def test_layers_converge() -> None:
     assert errors[0] > 1.6 * errors[1] > 1.6 * 1.6 * errors[2]
 
 
+def test_what_is_no_image_of_the_sensor_is_refused() -> None:
+    model = SlabModel(replace(FOAM, image_shape=(6, 13)))
+    with pytest.raises(InputError, match=r"needs shape \(\.\.\., 6, 13\), got \(13, 6\)"):
+        model.voltages(model.background.T)
+    with pytest.raises(InputError, match="above 0 S/m"):
+        model.voltages(-model.background)
+    with pytest.raises(InputError, match=r"4 layers end between two of them; \(0, 0\.3\)"):
+        Depth(0.01, (0, 0.3), 4)
+
+
 def test_a_disc_is_refused() -> None:
     with pytest.raises(InputError, match="rectangle"):
         SlabModel(replace(FOAM, outline=Disc(0.4 / (2 * np.pi))))

@@ -109,6 +109,30 @@ def test_every_packaged_sensor_is_read_as_it_is_written(tmp_path: Path) -> None:
         assert read_sensor(write(tmp_path, sensor_to_toml(made()))) == made(), name
 
 
+def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
+    made = sensor("foam16")
+    rim = np.linspace(0.1, 0.2, 16)
+    given = replace(
+        made,
+        background=np.float64(0.5),
+        data_range=np.float64(0.5),
+        image_shape=(16, 16),
+        electrodes=tuple(
+            replace(of, contact_impedance=z) for of, z in zip(made.electrodes, rim, strict=True)
+        ),
+    )
+    assert read_sensor(write(tmp_path, sensor_to_toml(given))) == given
+
+
+def test_pixels_too_coarse_for_the_outline_are_named(tmp_path: Path) -> None:
+    """A frame of 100 mm that is 4 mm thick: no middle of a pixel of 25 mm lies in it."""
+    rim = "[[0, 0], [100, 0], [100, 4], [4, 4], [4, 96], [100, 96], [100, 100], [0, 100]]"
+    text = GOOD.replace("rectangle_mm = [100, 80]", f"polygon_mm = {rim}")
+    path = write(tmp_path, text.replace("image_shape = [40, 50]", "image_shape = [4, 4]"))
+    with pytest.raises(InputError, match=r"field 'image_shape': No pixel .* finer image_shape"):
+        read_sensor(path)
+
+
 def test_signed_opposite_drive_and_adjacent_sensing_are_two_lines(tmp_path: Path) -> None:
     rows = [
         [i, (i + 16) % 32, j, (j + 1) % 32]
@@ -141,6 +165,12 @@ def test_eidors_order_is_rotating(tmp_path: Path) -> None:
         ("width_mm = 8", "width_mm = -8", "electrodes.width_mm", "greater than 0"),
         ("start_mm", "strat_mm", "electrodes.strat_mm", "the nearest is 'start_mm'"),
         ("width_mm = 8", "width_mm = 30", "electrodes", "overlap"),
+        (
+            "count = 16\nwidth_mm = 8\nstart_mm = 10",
+            "centres_mm = [10, 60, 110, 160, 1100]\nwidth_mm = 8",
+            "electrodes",
+            "along the rim, which has 360.0 mm; got 1100",
+        ),
         ("width_mm = 8", "width_mm = [8, 8]", "electrodes", "has 2 values for 16 electrodes"),
         ("count = 16", "", "electrodes", "either `count` or `centres_mm`"),
         ("offset = 3", "offset = 16", "pattern", "from 1 to 15, or its negative"),

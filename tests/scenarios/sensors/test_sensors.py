@@ -7,9 +7,14 @@ import pytest
 
 from eitbench.scenarios import sensor
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.physics.forward import forward_model, signed_voltages
 from eitbench.scenarios.sensors.outlines import Disc, Polygon, rectangle
-from eitbench.scenarios.sensors.patterns import equal_noise, offset_pattern, ring_pattern
+from eitbench.scenarios.sensors.patterns import (
+    equal_noise,
+    independent,
+    offset_pattern,
+    ring_pattern,
+)
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 from eitbench.scenarios.sensors.symmetry import motions
 
@@ -81,6 +86,21 @@ def test_the_combinations_of_a_frame_have_the_noise_of_one_measurement() -> None
     np.testing.assert_allclose((noise @ combine).std(axis=0), 1, atol=0.05)
     assert set(np.round(norms, 6)) <= {1.0, round(2**-0.5, 6), 0.5}
     assert norms.min() < 1
+
+
+def test_pairs_that_occur_both_ways_round_are_measured_eight_times() -> None:
+    """Of offset 8 each drive and each sense pair is its own reverse: 28 pairs of pairs are left."""
+    pattern = offset_pattern(16, 8)
+    half = np.random.default_rng(3).normal(size=(16, 16))
+    voltages = signed_voltages(pattern.table, half + half.T)
+    first, owner, sign = independent(pattern)
+    assert len(first) == len(set(np.round(np.abs(voltages), 9))) == 28
+    np.testing.assert_allclose(voltages, voltages[first][owner] * sign, rtol=1e-6)
+    assert set(np.bincount(owner)) == {8}
+    pairs = pattern.reciprocal_pairs()
+    assert len(pairs) == 28 * 4 * 4
+    signs = pattern.reciprocal_signs(pairs)
+    np.testing.assert_allclose(voltages[pairs[:, 1]], signs * voltages[pairs[:, 0]])
 
 
 def test_a_square_ring_of_electrodes_has_the_eight_symmetries_of_a_square() -> None:

@@ -188,7 +188,8 @@ def test_noise_and_drift_are_measured() -> None:
     assert noisy.repeatability == pytest.approx(1e-2, rel=0.1)
 
 
-def test_equal_meaning_is_equal_voltage_and_no_more() -> None:
+@pytest.mark.parametrize("magnitudes", [True, False])
+def test_equal_meaning_is_equal_voltage_and_no_more(magnitudes: bool) -> None:
     """Reciprocity and reversals, against a random symmetric matrix of resistances."""
     rng = np.random.default_rng(3)
     half = rng.normal(size=(6, 6))
@@ -198,9 +199,11 @@ def test_equal_meaning_is_equal_voltage_and_no_more() -> None:
         for drive in ((0, 1), (1, 0), (2, 4), (3, 5))
         for sense in ((2, 4), (4, 2), (3, 5), (0, 1))
     ])  # fmt: skip
-    sizes = np.abs(signed_voltages(table, resistances))
-    code = meaning(table, 6, magnitudes=True)
-    same = np.isclose(sizes[:, None], sizes)
+    values = signed_voltages(table, resistances)
+    code = meaning(table, 6, magnitudes=magnitudes)
+    if magnitudes:
+        values = np.abs(values)
+    same = np.isclose(values[:, None], values)
     np.testing.assert_array_equal(code[:, None] == code, same)
 
 
