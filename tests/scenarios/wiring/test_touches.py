@@ -52,6 +52,18 @@ def test_touches_tell_start_and_direction(start: int, step: int) -> None:
     assert found.certainty == "sure"
     assert (found.wiring.start, found.wiring.step) == (start, step)
     assert found.similarity > 0.9
+    assert found.runner_up != found.misfit  # that of another answer
+
+
+def test_all_answers_that_fit_alike_are_counted_on_a_sensor_of_many_electrodes() -> None:
+    many = replace(
+        disc(), electrodes=even_electrodes(disc().outline, 40, 0.002, 1e-3),
+        pattern=offset_pattern(40, 1),
+    )  # fmt: skip
+    model = forward_model(many)
+    found = diagnose(model.voltages(model.background)[None], many)
+    assert found.certainty == "sure but for start and direction"
+    assert found.open_answers == 80
 
 
 def test_touches_at_wrong_places_tell_nothing() -> None:
