@@ -181,6 +181,11 @@ class Problem:
 
     def _gains(self, references: Array) -> Array:
         """Gains (...) of reference frames (..., M), from values that no fault spoils."""
+        if not references.any(axis=-1).all():
+            raise InputError(
+                "A reference frame is zero everywhere: is the board connected, and does it drive a "
+                "current?"
+            )
         modelled = self._modelled
         gains = np.asarray(references @ modelled / (modelled @ modelled))
         wrong = spoiled(references, modelled, self._nominal.pattern)
@@ -318,6 +323,8 @@ class Problem:
 
     @staticmethod
     def _frames(sensor: Sensor, voltages: ArrayLike) -> Array:
+        if np.iscomplexobj(voltages):
+            raise InputError("Frames are complex: give real values, such as in-phase parts.")
         frames = np.asarray(voltages, dtype=np.float64)
         if frames.ndim != 2 or frames.shape[1] != sensor.n_measurements:
             raise InputError(

@@ -345,13 +345,18 @@ def _change(
 
     few = clusters < MIN_CLUSTERS
     verdict: ChangeVerdict = TOO_FEW if few else "no difference found"
-    # Of few clusters, all may have the same difference by chance.
-    if abs(difference) < EQUAL and (
-        low == high if not few else values is not None and np.nanmax(np.abs(values)) < EQUAL
-    ):
+    # A median stays where it is while frames on one side of it change, however much they do; and
+    # of few clusters, all may have the same difference by chance.
+    same = values is None or bool(np.nanmax(np.abs(values)) < EQUAL)
+    if abs(difference) < EQUAL and same and (values is not None if few else low == high):
         verdict = "equal"
-    elif not few and abs(difference) <= NEGLIGIBLE * float(drawn[0].std()) * np.sqrt(clusters):
-        verdict = "negligible"
+    elif not few:
+        of_frames = (
+            np.abs(values).mean() if values is not None and spec.aggregate == "median" else 0
+        )
+        noticed = NEGLIGIBLE * float(drawn[0].std()) * np.sqrt(clusters)
+        if max(abs(low), abs(high), of_frames) <= noticed:
+            verdict = "negligible"
     lost = -spec.sign * difference
     return Change(
         scenario="",

@@ -300,7 +300,7 @@ def adjusted(p: ArrayLike, rivals: ArrayLike) -> Array:
     Args:
         rivals: (k,) number of methods of each pair's scenario.
     """
-    methods = np.asarray(rivals, dtype=np.float64)
+    methods = np.maximum(np.asarray(rivals, dtype=np.float64), 2)  # a pair is of two
     return np.asarray(np.minimum(1.0, np.asarray(p) * methods * (methods - 1) / 2))
 
 

@@ -50,7 +50,7 @@ class AcuityResult:
             `least_mm`, least distance from which on all pairs are told apart, NaN where the
             farthest are not;
             `gain`, slope of shown over true strength;
-            GREIT's figures, means over the firmest touches.
+            GREIT's figures, means over the firmest touches; NaN where one of them shows nothing.
         roc: (2, m) false alarms and detections at falling thresholds, all pressures together.
         figures: one number each, by the names of `ACUITY_SPECS`, and the ends of the interval of
             the pull, `pull_low` and `pull_high`.
@@ -134,7 +134,7 @@ def _places(touch: pd.DataFrame, pair: pd.DataFrame, outline: Array) -> pd.DataF
                 "room_mm": np.nan if around is None else around["probe_distance_mm"].max(),
                 "least_mm": np.nan if around is None else least_apart(around, 1.0),
                 "gain": _line(numbers(of, "true"), numbers(of, "shown"))[0],
-                **{name: of_firmest[key][name].mean() for name in GREIT},
+                **{name: of_firmest[key][name].mean(skipna=False) for name in GREIT},
             }
         )
     return pd.DataFrame(rows)
@@ -220,14 +220,15 @@ def figures_of(
     linear = [
         _line(numbers(of, "true"), numbers(of, "shown"))[1] for _, of in touch.groupby("place")
     ]
-    # A place that feels nothing counts as infinite.
-    typical = places[["smallest_pa", "smallest_s_mm2"]].fillna(np.inf).median()
-    pascal, strength = typical.replace(np.inf, np.nan)
+    # A place that shows nothing counts as the worst, not as none.
+    worst = dict.fromkeys(("smallest_pa", "smallest_s_mm2", *GREIT), np.inf) | {"amplitude": 0.0}
+    typical = places[[*worst]].fillna(worst).median().replace(np.inf, np.nan)
+    linear = np.nan_to_num(linear)
     gain, amplitude = numbers(places, "gain"), numbers(places, "amplitude")
     return {
         "auc": float(np.trapezoid(curve[1], curve[0])),
-        "smallest_pa": float(pascal),
-        "smallest_s_mm2": float(strength),
+        "smallest_pa": float(typical["smallest_pa"]),
+        "smallest_s_mm2": float(typical["smallest_s_mm2"]),
         "error_mm": float(np.median(error)) if len(error) else float("nan"),
         "pull": pull,
         "pull_low": low,
@@ -235,12 +236,12 @@ def figures_of(
         "least_mm": least_apart(pair, APART),
         "truth_least_mm": least_apart(pair, APART, "truth_apart"),
         "false_pairs": float((found["count"] > 1).mean()) if len(found) else float("nan"),
-        "linearity": float(np.nanmedian(linear)) if np.isfinite(linear).any() else float("nan"),
+        "linearity": float(np.median(linear)),
         "slope_cv": _variation(gain),
         "noise_figure": float("nan"),
-        "amplitude": float(places["amplitude"].median()),
+        "amplitude": float(typical["amplitude"]),
         "amplitude_cv": _variation(amplitude),
-        **{name: float(places[name].median()) for name in GREIT[1:]},
+        **{name: float(typical[name]) for name in GREIT[1:]},
     }
 
 

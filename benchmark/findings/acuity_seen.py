@@ -157,7 +157,8 @@ def seen(images: Array, truth: Array, samples: pd.DataFrame, sensor: Sensor) -> 
     single touch; `count` of the contacts shown; whether two touches are told apart, `apart`, also
     in the true image, `truth_apart`; GREIT's figures of single touches; and, for the noise figure,
     `magnitude` and `spread` of the pixels [S/m].
-    An image that is not finite shows nothing.
+    An image that is not finite shows nothing of a touch, and of an untouched sensor a touch of
+    infinite strength: a method that fails gains nothing by it.
     """
     table = samples.loc[:, list(_NEEDED)].reset_index(drop=True)
     # Equal distances in other directions differ by rounding.
@@ -175,6 +176,7 @@ def seen(images: Array, truth: Array, samples: pd.DataFrame, sensor: Sensor) -> 
     table["truth_apart"] = _told_apart(contacts(truth - sensor.background, sensor), table)
     pixels = contrast[:, sensor.mask]
     table["magnitude"], table["spread"] = mean_magnitude(pixels), spread(pixels)
+    table.loc[~valid & (table["family"] == "no-touch"), ["shown", "spread"]] = np.inf, np.nan
     return table.join(_greit(contrast, truth - sensor.background, table, sensor))
 
 

@@ -1,7 +1,8 @@
 """Quality against noise: the same phantoms at several levels, the ceiling and the untouched sensor.
 
-Figures are PSNR of the mean squared error, which the ceiling is about. Where it is known, all
-figures are over the phantoms that it is known for, at every level.
+Figures are PSNR of the mean squared error, which the ceiling is about. All are over the same
+phantoms: those that every method has at every level, and of them, where the ceiling is known, those
+that it is known for. A method that a suite gives the first samples alone decides it for all.
 """
 
 from __future__ import annotations

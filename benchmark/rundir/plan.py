@@ -253,6 +253,11 @@ def make_plan(
         if name not in chosen:
             raise unknown_name("method in the parameters:", name, chosen)
         if name not in own:  # those of plugins were made when these were loaded
+            if "weights" in values:
+                raise InputError(
+                    f"A run takes the weights of {name!r} that are installed for the sensor, and "
+                    "records their hash: leave `weights` out of its parameters."
+                )
             create_place_method(name, **values)
     declared = [scenario.name for scenario in suite.scenarios]
     for name in scenarios:

@@ -212,6 +212,9 @@ def _agrees(stored: Any, value: Any) -> bool:
 def notes_are_ours(of: Submission) -> str:
     """Notes on recordings that the data do not give."""
     run = of.run
+    recorded = {s.name for s in of.plan.suite.scenarios if isinstance(s, RecordedScenario)}
+    if more := run.notes.keys() - recorded:
+        return f"{NOTES_FILE} says something of {min(more)!r}, which is no recorded scenario."
     for scenario in of.plan.suite.scenarios:
         if isinstance(scenario, RecordedScenario):
             n = run.manifest["data"][scenario.name]["n"]

@@ -267,7 +267,8 @@ def _entries(run: Run) -> dict[tuple[str, str], Entry]:
 def _gap(open_entry: Entry, hidden_entry: Entry) -> Gap:
     rows = [open_entry.row, hidden_entry.row]
     by = ranking_figure(rows, METHOD_RUNS)
-    if by is None or any(row[by] is None for row in rows):
+    # A method that failed on all hidden frames has none in its row, and charged ones in its cell.
+    if by is None or rows[0][by] is None or by not in hidden_entry.cell:
         raise InputError(
             f"{rows[0]['method']!r} has no figure that ranks on {rows[0]['scenario']!r}."
         )

@@ -28,7 +28,8 @@ RULE = (
     "Coordinate search over the values that a method declares in `search`, from its defaults, then "
     "seeded TPE for what is left of the budget of trials and seconds, which is the same for every "
     f"method; each trial scored on the first {FRAMES} validation samples ({REGISTRATION_FRAMES} of "
-    "a recorded set) with the noise of the test split, by the figure the scenario is ranked by, "
+    "a recorded set) with the noise of the test split (of a rung of the ladder and of acuity, that "
+    "of the validation split), by the figure the scenario is ranked by, "
     f"and given up where the samples so far say by Wilcoxon's test (p < {P_WORSE}) that it is "
     "worse than the best. The test split is never loaded."
 )
@@ -164,15 +165,22 @@ def validation_key(scenario: Scenario) -> str:
 
 
 def record(scenario: Scenario, selections: Mapping[str, Selection], folder: Path) -> Path:
-    """Add `selections` to the file for the data of `scenario` in `folder`."""
+    """Add `selections` to the file for the data of `scenario` in `folder`.
+
+    A selection that was made by another rule than `RULE` keeps it.
+    """
     key = validation_key(scenario)
     path = folder / f"{key[:16]}.json"
     added = {name: selection.describe() for name, selection in selections.items()}
+    before = _records(path)
+    rule = json.loads(path.read_text())["rule"] if before else RULE
+    if rule != RULE:
+        before = {name: {"rule": rule} | selection for name, selection in before.items()}
     content = {
         "made_on": scenario.name,
         "validation_key": key,
         "rule": RULE,
-        "choices": dict(sorted((_records(path) | added).items())),
+        "choices": dict(sorted((before | added).items())),
     }
     atomic_write(path, (json.dumps(content, indent=1) + "\n").encode())
     return path

@@ -114,6 +114,10 @@ class TrialFailedError(Exception):
     """The method gave no images; the message gives the reason, and below it where."""
 
 
+class BudgetSpentError(Exception):
+    """The time of the study ended in a trial, which says nothing of its parameters."""
+
+
 class Clock:
     """Time in the method [s], `spent` so far of a limit."""
 
@@ -125,12 +129,15 @@ class Clock:
 
         Raises:
             TrialFailedError: there is none.
+            BudgetSpentError: there was none within the rest of the time, which is below `limit`.
         """
         start = time.perf_counter()
         left = max(self.limit - self.spent, 0.0)
         try:
             reply = worker.ask(*request, limit=min(limit, left), what=what)
         except WorkerLostError as lost:
+            if lost.failure.status == "timeout" and left < limit:
+                raise BudgetSpentError from lost
             raise _failed(lost.failure) from lost
         finally:
             self.spent += time.perf_counter() - start
@@ -276,6 +283,9 @@ def run_trial(
     """Score `parameters` on all `validations` by their mean figure; report every frame to `trial`.
 
     The method may take so many `seconds`.
+
+    Raises:
+        BudgetSpentError: it was about to take more.
     """
     clock = Clock(seconds)
     try:

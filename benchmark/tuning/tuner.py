@@ -38,7 +38,13 @@ from eitbench.benchmark.tuning.sweep import (
     SweepSampler,
     ended,
 )
-from eitbench.benchmark.tuning.trials import PARTS, Validation, ranked_by, run_trial
+from eitbench.benchmark.tuning.trials import (
+    PARTS,
+    BudgetSpentError,
+    Validation,
+    ranked_by,
+    run_trial,
+)
 from eitbench.benchmark.workers.worker import StoppedError
 from eitbench.methods.registry import methods
 from eitbench.scenarios.data.datasets import load
@@ -100,15 +106,16 @@ def tune(
     with closed_test_split(), locked(folder):
         suite = plan.suite
         asked = [suite.familiar(s) for s in suite.scenarios if s.name in plan.scenarios]
-        truths = {scenario.name: _truth(scenario) for scenario in asked}
-        different = {validation_key(s): s for s in reversed(asked) if truths[s.name] != "none"}
+        figures = {scenario.name: _figure(scenario) for scenario in asked}
+        different = {validation_key(s): s for s in reversed(asked) if figures[s.name]}
         if not different:
             raise DataUnavailableError(
                 "There is nothing to tune on: fetch the recorded sets first."
             )
         groups: dict[str, list[Scenario]] = {}
         for scenario in reversed(different.values()):
-            groups.setdefault(truths[scenario.name] if once else scenario.name, []).append(scenario)
+            key = figures[scenario.name] if once else scenario.name
+            groups.setdefault(key, []).append(scenario)
         plugins = {name: file.path for name, file in plan.origins.items()}
         studies = [
             TuningTask(
@@ -157,15 +164,16 @@ def _run_all(
             pool.shutdown(cancel_futures=True)
 
 
-def _truth(scenario: Scenario) -> str:
-    """What is known of the validation data; "none" if nothing to select by, or no data."""
+def _figure(scenario: Scenario) -> str:
+    """The figure that validation data are ranked by; "" if there is none, or there are no data."""
     try:
-        return load(scenario, split="validation", limit=1).truth
+        data = load(scenario, split="validation", limit=1)
+        return "" if data.truth == "none" else ranked_by(data)
     except DataUnavailableError as error:
         _log.warning("Scenario %r is left out: %s", scenario.name, error)
     except InputError:
         _log.warning("Scenario %r is left out: it has no validation samples.", scenario.name)
-    return "none"
+    return ""
 
 
 def select(
@@ -287,7 +295,12 @@ def _search(
             raise StoppedError
         trial = study.ask(space.distributions())
         parameters = space.parameters(space.point(trial.params))
-        result = run_trial(trial, parameters, validations, budget.seconds - spent)
+        try:
+            result = run_trial(trial, parameters, validations, budget.seconds - spent)
+        except BudgetSpentError:  # with more time it is tried again
+            trial.set_user_attr(INTERRUPTED, True)
+            study.tell(trial, state=TrialState.FAIL)
+            return "seconds"
         trial.set_user_attr("seconds", result.seconds)
         trial.set_user_attr("message", result.message)
         (state,) = (state for state, status in STATUSES.items() if status == result.status)

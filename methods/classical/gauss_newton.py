@@ -31,6 +31,7 @@ from eitbench.methods.method import Method
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
 from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.patterns import independent
 from eitbench.scenarios.sensors.symmetry import asymmetry
 
@@ -66,7 +67,16 @@ class GaussNewton(Method):
         return 1e-12
 
     def fit(self, problem: Problem) -> None:
-        """Linearise at the background, which scales data and prior for every later step."""
+        """Linearise at the background, which scales data and prior for every later step.
+
+        Raises:
+            InputError: no step, or another impossible parameter.
+        """
+        if not (isinstance(self.steps, int) and self.steps >= 1):
+            raise InputError(
+                "A Gauss-Newton method takes a whole number of steps, 1 at least, got "
+                f"{self.steps}."
+            )
         self._problem = problem
         self._linearisation = Linearisation(
             problem, self.variable, self.row_exponent, self.gain_power

@@ -6,7 +6,14 @@ from typing import ClassVar
 import numpy as np
 from scipy import linalg
 
-from eitbench.methods.classical.linearisation import GAINS, ROWS, UNKNOWN, WEIGHTS, damping
+from eitbench.methods.classical.linearisation import (
+    GAINS,
+    ROWS,
+    UNKNOWN,
+    WEIGHTS,
+    damping,
+    positive,
+)
 from eitbench.methods.classical.one_step import OneStep
 from eitbench.methods.problem import Problem
 from eitbench.methods.registry import register
@@ -32,6 +39,7 @@ class Greit(OneStep):
 
     def matrix(self, jacobian: Array, problem: Problem) -> Array:
         """X Y^T (Y Y^T + w I)^-1: X desired images (P, t), Y = J targets (M, t)."""
+        positive("blur", self.blur)
         targets, desired = self._training(problem)
         voltages = jacobian @ targets
         gram = voltages @ voltages.T

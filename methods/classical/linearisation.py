@@ -1,5 +1,6 @@
 """The linearised problem that the classical methods share: J x = dv on the sensor's pixels."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
 
@@ -16,10 +17,11 @@ VARIABLES: tuple[Variable, ...] = get_args(Variable)
 class Linearisation:
     """The linearised problem: the unknown, the weights of measurements, and images of unknowns.
 
-    The unknown x is either the contrast sigma - sigma_0, as in the textbooks, or the 2-D
-    Clausius-Mossotti factor x = 2 (sigma - sigma_0) / (sigma + sigma_0): a small disc of any
+    The unknown x is either the contrast (sigma - sigma_0) / sigma_0, as in the textbooks, or the
+    2-D Clausius-Mossotti factor x = 2 (sigma - sigma_0) / (sigma + sigma_0): a small disc of any
     conductivity perturbs the voltages in exact proportion to it (Maxwell 1873, art. 314; in 2-D),
-    so that far stronger contrasts are linear in it. Both agree to first order, up to sigma_0.
+    so that far stronger contrasts are linear in it. Both agree to first order. Neither has a unit,
+    so that a weight means the same on a sensor of any conductivity.
 
     Rows are divided by their norm to the power `row_exponent`: 0 trusts every volt alike (white
     noise, as on simulated boards), 1 trusts every measurement alike.
@@ -41,6 +43,11 @@ class Linearisation:
     ) -> None:
         if variable not in VARIABLES:
             raise InputError(f"A variable is one of {', '.join(VARIABLES)}, got {variable!r}.")
+        if not (0 <= row_exponent <= 1 and 0 <= gain_power < math.inf):
+            raise InputError(
+                "The exponent of rows is from 0 to 1, and the power of gains at least 0; got "
+                f"row_exponent={row_exponent} and gain_power={gain_power}."
+            )
         self._problem = problem
         self._gain_power = gain_power
         self._variable = variable
@@ -55,13 +62,13 @@ class Linearisation:
     def _unknown(self, multiple: float) -> float:
         """x of a conductivity given as a multiple of the background."""
         if self._variable == "conductivity":
-            return (multiple - 1) * self._problem.background
+            return multiple - 1
         return 2 * (multiple - 1) / (multiple + 1)
 
     def slope(self, x: Array) -> Array:
         """d sigma / dx [S/m] at `x`."""
         if self._variable == "conductivity":
-            return np.ones_like(x)
+            return np.full_like(x, self._problem.background)
         return np.asarray(4 * self._problem.background / (2 - x) ** 2)
 
     def data(self, voltages: Array) -> Array:
@@ -89,14 +96,25 @@ class Linearisation:
         x = np.clip(x, *self.bounds)
         images = np.full((len(x), *mask.shape), background)
         if self._variable == "conductivity":
-            images[:, mask] += x
+            images[:, mask] *= 1 + x
         else:
             images[:, mask] *= (2 + x) / (2 - x)
         return images
 
 
+def positive(name: str, value: float) -> None:
+    """Raise `InputError` unless a parameter is a finite number above 0."""
+    if not 0 < value < math.inf:
+        raise InputError(f"The parameter {name!r} is a number above 0, got {value!r}.")
+
+
 def damping(gram: Array, weight: float) -> Array:
-    """weight * mean(diag(gram)) * identity: a regularisation that does not depend on units."""
+    """weight * mean(diag(gram)) * identity: a regularisation that does not depend on units.
+
+    Raises:
+        InputError: a weight that is not above 0.
+    """
+    positive("weight", weight)
     return np.asarray(weight * np.trace(gram) / len(gram) * np.eye(len(gram)))
 
 

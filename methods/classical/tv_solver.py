@@ -19,6 +19,7 @@ import numpy as np
 from scipy import linalg
 from scipy.fft import dctn, idctn
 
+from eitbench.methods.classical.linearisation import positive
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.compiling import compiled
 
@@ -52,9 +53,13 @@ class TVSolver:
         jacobian: (m, H, W), scaled so that its largest singular value is about 1.
         weight: weight of the total variation.
         bounds: least and greatest value of x.
+
+    Raises:
+        InputError: a weight that is not above 0.
     """
 
     def __init__(self, jacobian: Array, weight: float, bounds: tuple[float, float]) -> None:
+        positive("weight", weight)
         self._shape = height, width = jacobian.shape[1:]
         self._bounds = bounds
         self._r1, self._r2 = GRADIENT_PENALTY * weight, BOUND_PENALTY * weight

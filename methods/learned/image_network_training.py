@@ -76,6 +76,8 @@ class ImageTask(TrainingTask):
         relative = self.images(difference)
         if self._alpha == 0:
             assert self.physical is not None
+            if not relative.isfinite().all():  # such images have no voltages
+                return relative.sum(), relative.sum()
             alone: Tensor = self.physical(relative, difference, motion)
             return alone, alone
         data = self.data_loss(relative - truth)

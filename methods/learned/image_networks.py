@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,9 +69,11 @@ class TrainedMethod(Trainable, Method):
         """Load the weights.
 
         Raises:
-            InputError: there are none for the sensor.
+            InputError: there are none for the sensor, or a negative power.
             DataCorruptError: they are damaged.
         """
+        if not 0 <= self.gain_power < math.inf:
+            raise InputError(f"The power of gains is at least 0, got {self.gain_power}.")
         self._problem = problem
         own = Path(self.weights) if self.weights else None
         path, tensors, metadata = self.files.load(problem.sensor, own)

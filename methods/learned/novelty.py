@@ -75,7 +75,8 @@ class FrameNovelty:
         seen = problem.difference(voltages, self._gain_power)
         replaced = problem.difference(voltages) - (voltages - problem.reference) / problem.gain
         inside = np.where(problem.mask, images, problem.background)
-        explained = np.stack([problem.model.voltages(image) for image in inside])
+        explained = np.array([problem.model.voltages(image) for image in inside])
+        explained = explained.reshape(seen.shape)  # of no frame, too
         missing = seen - (explained - problem.background_voltages) - replaced
         return missing @ self._averaging, seen @ self._averaging
 

@@ -95,8 +95,8 @@ def train_refiner(method_class: type[RefinementMethod], job: TrainingJob) -> Tra
         network = method.network(problem)
     motions = symmetries(sensor, torch.from_numpy(problem.jacobian))
     task = method.task(nn.Sequential(network), motions, job.request.loss)
-    inputs, truth = _samples(method_class, job, "train", count)
-    validation = _samples(method_class, job, "validation", scenario.validation)
+    inputs, truth = _samples(method_class, job, method.begun_from, "train", count)
+    validation = _samples(method_class, job, method.begun_from, "validation", scenario.validation)
     scale = inputs.std((0, 2, 3))
     network.scale.copy_(scale.clamp(min=1e-6 * float(scale.max())))
     return job.fit(
@@ -113,14 +113,16 @@ def train_refiner(method_class: type[RefinementMethod], job: TrainingJob) -> Tra
 
 
 def _samples(
-    method: type[RefinementMethod], job: TrainingJob, split: Split, count: int
+    method: type[RefinementMethod], job: TrainingJob, begun_from: str, split: Split, count: int
 ) -> tuple[Tensor, Tensor]:
     """The network's inputs (n, C, H, W), and conductivity over background (n, H, W)."""
     request, scenario, device = job.request, job.scenario, job.device.type
     data = load(scenario, split, count, jobs=request.jobs, progress=request.progress)
     difference = nominal_problem(scenario).differences(data, request.gain_power)
     inputs = worker_pool(request.jobs)(
-        joblib.delayed(_inputs)(method, scenario, device, difference[first : first + TOGETHER])
+        joblib.delayed(_inputs)(
+            method, scenario, device, begun_from, difference[first : first + TOGETHER]
+        )
         for first in range(0, count, TOGETHER)
     )
     truth = images(scenario, split, count) / data.sensor.background
@@ -129,17 +131,28 @@ def _samples(
 
 @lru_cache(maxsize=1)
 def _started(
-    method_class: type[RefinementMethod], scenario: SimulatedScenario, device: str
+    method_class: type[RefinementMethod],
+    scenario: SimulatedScenario,
+    device: str,
+    begun_from: str,
 ) -> RefinementMethod:
-    """A method that is ready for differences on the scenario's sensor."""
+    """A method that is ready for differences on the scenario's sensor.
+
+    It is kept as long as the weights that it begins with, `begun_from`, are the same.
+    """
+    del begun_from
     method = method_class()
     method.start(nominal_problem(scenario), device)
     return method
 
 
 def _inputs(
-    method: type[RefinementMethod], scenario: SimulatedScenario, device: str, difference: Array
+    method: type[RefinementMethod],
+    scenario: SimulatedScenario,
+    device: str,
+    begun_from: str,
+    difference: Array,
 ) -> Images:
     """The network's inputs of some samples; runs in a worker process, on one thread."""
     with threadpool_limits(1):
-        return _started(method, scenario, device).inputs(difference)
+        return _started(method, scenario, device, begun_from).inputs(difference)

@@ -91,9 +91,10 @@ class TankTask(TrainingTask):
     def _loss(self, batch: Data, index: int) -> Tensor:
         difference, truth = batch
         kept, inputs = self._levels[index]
-        measured = self._board(difference)[:, kept]
-        with working_precision(difference.device.type):
-            found = self.network(inputs(measured))
+        # Random numbers and images are made on the CPU, so that they are the same everywhere.
+        shown = inputs(self._board(difference.cpu())[:, kept]).to(truth.device)
+        with working_precision(truth.device.type):
+            found = self.network(shown)
         error: Tensor = found - truth
         return error.square().mean()
 

@@ -55,12 +55,18 @@ class PointNetwork(nn.Module):
 class CoordinateNetwork(PointNetwork):
     """An image (H, W) as a network of the places of its pixels; zero at first."""
 
-    def __init__(self, image_shape: tuple[int, int], bandwidth: float) -> None:
-        """Make a network for images of a shape (H, W); for `bandwidth` see `PointNetwork`."""
+    def __init__(
+        self, image_shape: tuple[int, int], pixel_size: tuple[float, float], bandwidth: float
+    ) -> None:
+        """Make a network for images of a shape (H, W); for `bandwidth` see `PointNetwork`.
+
+        `pixel_size` (dx, dy) [m] is of each pixel.
+        """
         height, width = image_shape
-        longer = max(image_shape)
+        aspect = pixel_size[1] / pixel_size[0]
+        longer = max(aspect * height, width)
         y, x = torch.meshgrid(
-            (2 * torch.arange(height) + 1 - height) / longer,
+            aspect * (2 * torch.arange(height) + 1 - height) / longer,
             (2 * torch.arange(width) + 1 - width) / longer,
             indexing="ij",
         )
@@ -75,11 +81,16 @@ class FieldNetworks(nn.Module):
     """An image (H, W), and potentials (n, E) at other points; both zero at first."""
 
     def __init__(
-        self, image_shape: tuple[int, int], points: Tensor, electrodes: int, bandwidth: float
+        self,
+        image_shape: tuple[int, int],
+        pixel_size: tuple[float, float],
+        points: Tensor,
+        electrodes: int,
+        bandwidth: float,
     ) -> None:
-        """For `points` (n, 2) and `bandwidth` see `PointNetwork`; `electrodes` is E."""
+        """See `CoordinateNetwork`; for `points` (n, 2) see `PointNetwork`; `electrodes` is E."""
         super().__init__()
-        self.image = CoordinateNetwork(image_shape, bandwidth)
+        self.image = CoordinateNetwork(image_shape, pixel_size, bandwidth)
         self.potentials = PointNetwork(points, electrodes, bandwidth)
 
     def forward(self) -> Tensor:

@@ -150,6 +150,8 @@ class PatchUNet(nn.Module):
 
     def forward(self, images: Tensor, maps: Tensor | None = None) -> Tensor:
         """(n, H, W) from `images` (n, count, H, W) and `maps` (n, maps, h, w) if it takes any."""
+        if not len(images):  # patches of no image would have another shape
+            return images[:, 0]
         z = functional.pixel_unshuffle(functional.pad(images, self.missing), PATCH)
         z = self.enter(z if maps is None else torch.cat([z, maps], dim=1))
         skips = []

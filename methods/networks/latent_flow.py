@@ -14,6 +14,8 @@ COUPLINGS, WIDTH = 8, 192
 """Steps of the flow, and units of the layers in each."""
 LARGEST = 2.0
 """Of the logarithm of a factor in a step, so that no step can run away."""
+LEAST = 1e-4
+"""Spread of a component, relative to the largest: frames repeat each other by reciprocity."""
 
 
 class LatentFlow(nn.Module):
@@ -58,9 +60,9 @@ class LatentFlow(nn.Module):
         flat = images.flatten(1)
         self.mean.copy_(flat.mean(0))
         _, spread, axes = torch.svd_lowrank(flat - self.mean, len(self.components), niter=6)
-        self.components.copy_((axes * spread / math.sqrt(len(flat))).T)
+        self.components.copy_((axes * _floored(spread) / math.sqrt(len(flat))).T)
         _, spread, axes = torch.svd_lowrank(differences, self.seen.shape[1], niter=6)
-        self.seen.copy_(axes / (spread / math.sqrt(len(differences))))
+        self.seen.copy_(axes / (_floored(spread) / math.sqrt(len(differences))))
 
     def encoded(self, images: Tensor) -> Tensor:
         """Components (n, K) of contrasts (n, H, W) over the background."""
@@ -91,7 +93,12 @@ class LatentFlow(nn.Module):
         for half, coupling in reversed(list(zip(self.halves, self.couplings, strict=True))):
             log_factor, shift = coupling(torch.where(half, z, 0.0), context)
             z = torch.where(half, z, z * log_factor.exp() + shift)
-        return self.decoded(z.reshape(frames, count, -1))
+        return self.decoded(z.reshape(frames, count, len(self.components)))
+
+
+def _floored(spread: Tensor) -> Tensor:
+    """Singular values, of which those of rounding alone must not be divided by."""
+    return spread.clamp(min=LEAST * float(spread.max()))
 
 
 class _Coupling(nn.Module):

@@ -50,4 +50,5 @@ class Inr(NetworkPerFrame):
         """Return a perceptron of random Fourier features."""
         from eitbench.methods.networks.coordinate_network import CoordinateNetwork
 
-        return CoordinateNetwork(self._problem.mask.shape, self.bandwidth)
+        pixel_size = self._problem.sensor.pixel_size
+        return CoordinateNetwork(self._problem.mask.shape, pixel_size, self.bandwidth)

@@ -117,10 +117,11 @@ class FittedPerFrame(Method):
         Raises:
             InputError: no step, or a negative weight.
         """
-        if not (self.steps >= 1 and 0 <= self.tv < math.inf):
+        whole = isinstance(self.steps, int)
+        if not (whole and self.steps >= 1 and 0 <= self.tv < math.inf):
             raise InputError(
-                f"{self.name!r} needs at least 1 step and a weight of at least 0, got "
-                f"steps={self.steps} and tv={self.tv}."
+                f"{self.name!r} needs at least 1 step, a whole number of them, and a weight of at "
+                f"least 0, got steps={self.steps} and tv={self.tv}."
             )
         self._problem = problem
 

@@ -65,9 +65,11 @@ class Pinn(FittedPerFrame):
         """Return networks of conductivity and of secondary potentials."""
         from eitbench.methods.networks.coordinate_network import FieldNetworks
 
-        electrodes = self._problem.sensor.n_electrodes
-        shape, points = self._problem.mask.shape, self._equations.points
-        return FieldNetworks(shape, points, electrodes, self.bandwidth)
+        sensor = self._problem.sensor
+        points, electrodes = self._equations.points, sensor.n_electrodes
+        return FieldNetworks(
+            sensor.image_shape, sensor.pixel_size, points, electrodes, self.bandwidth
+        )
 
     def image(self, output: Tensor, first: Tensor) -> Tensor:
         """See `FittedPerFrame`; the output is added to the first image, within the range.

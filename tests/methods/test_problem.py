@@ -76,8 +76,17 @@ def test_a_later_reference_frame_is_held_to_the_same_rules() -> None:
         problem.reference = problem.reference[:-1]
     with pytest.raises(InputError):
         problem.reference = np.nan * problem.reference
+    with pytest.raises(InputError, match="Frames are complex"):
+        problem.difference((problem.reference + 1j)[None])
     problem.reference = -problem.reference
     with pytest.raises(InputError, match="does not match the sensor's drive pattern"):
+        problem.difference(problem.reference[None])
+
+
+def test_a_silent_board_is_said_to_be_one() -> None:
+    problem = clean_problem(foam())
+    problem.reference = 0 * problem.reference
+    with pytest.raises(InputError, match="zero everywhere: is the board connected"):
         problem.difference(problem.reference[None])
 
 

@@ -143,6 +143,21 @@ def test_what_rounding_changes_is_negligible_however_sure() -> None:
     assert compare(old, new).changes[0].verdict == "negligible"
 
 
+def test_a_median_that_hides_what_became_worse_is_not_negligible() -> None:
+    before = np.random.default_rng(0).uniform(1, 20, 40)
+    for count in (15, 3):
+        after = before.copy()
+        after[np.argsort(before)[-count:]] += 200
+        pair = []
+        for values in (before, after):
+            of = results({"m": np.full(40, np.nan)})
+            of.samples["localisation_mm"] = values
+            pair.append(of)
+        (change,) = compare(*pair).changes
+        assert (change.figure, change.difference) == ("localisation_mm", 0)
+        assert change.verdict == "no difference found"
+
+
 @pytest.mark.slow
 def test_a_gate_is_seldom_shut_by_chance() -> None:
     rng = np.random.default_rng(1)

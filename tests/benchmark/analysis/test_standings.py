@@ -239,6 +239,7 @@ def test_a_comparison_that_is_split_into_runs_has_the_p_values_of_the_whole() ->
 
 def test_p_values_count_the_pairs_of_the_scenario() -> None:
     np.testing.assert_allclose(adjusted([0.01, 0.01, 0.5], [2, 4, 3]), [0.01, 0.06, 1.0])
+    assert adjusted([0.9], [1]) == [0.9]  # two runs of the one method of a suite are a pair
 
 
 def test_repeats_are_one_row_and_change_nothing() -> None:

@@ -132,9 +132,44 @@ def test_true_images_feel_all_at_their_places_and_blurred_ones_do_not_tell_two_a
     nothing = np.full_like(truth, np.nan)
     blind = result_of("acuity", "nothing", 50.0, seen(nothing, truth, samples, nominal), nominal)
     assert np.isnan(blind.figures["error_mm"])
-    assert blind.figures["auc"] == 0.5
+    assert blind.figures["auc"] == 0
     assert blind.places[["smallest_pa", "amplitude", "resolution"]].isna().all(axis=None)
     assert np.isnan(blind.figures["least_mm"])
+
+
+@pytest.mark.parametrize("family", ["no-touch", "touch"])
+def test_a_method_gains_nothing_by_frames_that_it_fails_on(family: str) -> None:
+    nominal = sensor("foam16")
+    phantoms = Acuity().design(nominal)
+    truth = np.array([rasterise(phantom, nominal) for phantom in phantoms])
+    columns = ("place", "pressure_pa", "x_m", "y_m", "x2_m", "y2_m", "probe_distance_mm")
+    samples = pd.DataFrame(
+        [
+            {"family": p.family, "snr_db": 50.0}
+            | {name: p.parameters.get(name, np.nan) for name in columns}
+            for p in phantoms
+        ]
+    )
+    noise = np.random.default_rng(0).normal(scale=0.02, size=truth.shape)
+    images = truth + np.where(nominal.mask, noise, 0)
+    figures = []
+    for failed in (False, True):
+        if failed:
+            of = samples["family"] == family
+            firmest = samples["pressure_pa"] == samples["pressure_pa"].max()
+            rows = np.flatnonzero(of & (firmest if family == "touch" else of))
+            images[rows[::2]] = np.nan
+        table = seen(images.copy(), truth, samples, nominal).assign(signal=1.0, rms=1.0)
+        figures.append(result_of("acuity", "m", 50.0, table, nominal).figures)
+    before, after = figures
+    assert after["auc"] < before["auc"]
+    if family == "no-touch":
+        assert np.isnan(after["noise_figure"])
+        assert np.isfinite(before["noise_figure"])
+    else:
+        for name in ("position_error_mm", "resolution", "ringing"):
+            assert not after[name] < before[name]
+        assert after["linearity"] < before["linearity"]
 
 
 def test_the_noise_figure_of_a_matrix_is_what_its_frames_say() -> None:

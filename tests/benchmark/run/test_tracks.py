@@ -126,6 +126,8 @@ def test_parameters_are_of_methods_that_are_run_and_take_them() -> None:
         make_plan(SUITE, plugins=[PLUGIN], parameters={"constant": {"faktor": 1}})
     with pytest.raises(InputError, match="its parameters are weight, "):
         make_plan(SUITE, parameters={"noser": {"wait": 1}})
+    with pytest.raises(InputError, match="takes the weights of 'dnn' that are installed"):
+        make_plan(SUITE, methods=["dnn"], parameters={"dnn": {"weights": "own.safetensors"}})
 
 
 @pytest.mark.slow

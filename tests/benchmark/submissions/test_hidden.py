@@ -172,6 +172,16 @@ def entry(values: np.ndarray, sets: str) -> Entry:
     return Entry(run, row, cell, ("r",), 1)
 
 
+def test_who_fails_on_all_hidden_frames_falls() -> None:
+    """Its row has no figure, its samples those that failed frames are charged with."""
+    rng = np.random.default_rng(1)
+    failed = entry(np.zeros(200), "hidden")
+    failed.row["score"] = None
+    (gap,) = hidden._tested([hidden._gap(entry(rng.normal(5, 1, 200), "open"), failed)])
+    assert gap.hidden == 0
+    assert gap.falls
+
+
 def test_the_interval_is_that_of_two_independent_samples() -> None:
     rng = np.random.default_rng(1)
     one, other = rng.normal(5, 1, 200), rng.normal(4.8, 2, 200)

@@ -289,6 +289,11 @@ def copy_the_truth(run: Path, method: str = "my-noser") -> None:
             BOARD,
             "In leaderboard.json the score of",
         ),
+        (
+            lambda run: (run / "recordings.json").write_text('{"tiny": {"guess_mm": 99}}'),
+            "notes on recordings are ours",
+            "says something of 'tiny', which is no recorded scenario",
+        ),
         (lambda run: (run / "leaderboard.json").unlink(), BOARD, "leaderboard.json cannot be read"),
         (
             lambda run: (run / "reconstructions.h5").unlink(),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from eitbench.benchmark.tuning import selection
 from eitbench.benchmark.tuning.selection import (
     PACKAGED,
     Selection,
@@ -80,6 +81,18 @@ def test_a_record_says_what_was_spent_and_why_a_trial_failed(tmp_path: Path) -> 
     spent = {"trials": 2, "pruned": 0, "failed": 1, "seconds": 2.0, "ended_by": "space"}
     assert kept["spent"] == spent
     assert kept["trials"][1]["message"] == "it said no"
+
+
+def test_a_choice_keeps_the_rule_that_it_was_made_by(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(selection, "RULE", "the old rule")
+    record(SMALL, {"noser": choice(weight=0.5)}, tmp_path)
+    monkeypatch.setattr(selection, "RULE", "the new rule")
+    record(SMALL, {"tv": choice(weight=0.5)}, tmp_path)
+    content = json.loads(record(SMALL, {"greit": choice(weight=0.5)}, tmp_path).read_text())
+    rules = {name: of.get("rule", content["rule"]) for name, of in content["choices"].items()}
+    assert rules == {"noser": "the old rule", "tv": "the new rule", "greit": "the new rule"}
 
 
 # What networks learn from; they list no method that has more to tune than gains.

@@ -18,8 +18,15 @@ from eitbench.benchmark.rundir.plan import make_plan
 from eitbench.benchmark.tuning import tuner as tuning
 from eitbench.benchmark.tuning.selection import FRAMES, Selection, Trial, TuningBudget
 from eitbench.benchmark.tuning.sweep import SearchSpace
-from eitbench.benchmark.tuning.trials import Validation, frame_figures
+from eitbench.benchmark.tuning.trials import (
+    BudgetSpentError,
+    Clock,
+    TrialFailedError,
+    Validation,
+    frame_figures,
+)
 from eitbench.benchmark.tuning.tuner import TuningTask, select, tune
+from eitbench.benchmark.workers.messages import Failure, WorkerLostError
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_frames, phantom
 from eitbench.scenarios.errors import DataUnavailableError, InputError
@@ -177,6 +184,42 @@ def test_the_budget_of_seconds_ends_a_study_and_is_recorded(
     assert choice.ended_by == "seconds"
     assert len(asked) == 5
     assert choice.describe()["spent"]["seconds"] == 10.0
+
+
+def test_a_trial_that_the_rest_of_the_time_ends_is_tried_again(
+    asked: list[dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It says nothing of its parameters: with more time the choice is as if nothing had been."""
+    whole = the_choice(TuningBudget(), tmp_path / "whole")
+    complete = tuning.run_trial
+
+    def limited(*given: Any) -> Trial:
+        if given[-1] < 2:
+            raise BudgetSpentError
+        return complete(*given)
+
+    monkeypatch.setattr(tuning, "run_trial", limited)
+    asked.clear()
+    first = the_choice(TuningBudget(seconds=9.0), tmp_path)
+    assert (first.ended_by, len(first.trials)) == ("seconds", 4)
+    assert first.describe()["spent"]["failed"] == 0
+    again = the_choice(TuningBudget(), tmp_path)
+    assert again.parameters == whole.parameters
+    assert [trial.parameters for trial in again.trials] == [t.parameters for t in whole.trials]
+
+
+def test_time_that_is_up_is_no_failure_of_the_method() -> None:
+    class Slow:
+        def ask(self, *_: object, **__: object) -> None:
+            raise WorkerLostError(Failure("timeout", "set-up took longer than 0.5 s"))
+
+    clock = Clock(10.0)
+    clock.spent = 9.5
+    with pytest.raises(BudgetSpentError):
+        clock.ask(Slow(), "fit", limit=600.0, what="set-up")  # type: ignore[arg-type]
+    clock.spent = 0.0
+    with pytest.raises(TrialFailedError, match="longer than"):
+        clock.ask(Slow(), "fit", limit=5.0, what="set-up")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

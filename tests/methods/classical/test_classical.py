@@ -68,6 +68,42 @@ def test_a_touch_is_seen_where_it_is_whatever_the_board_and_its_gain(
         assert np.hypot(*(found - at)) < 0.012
 
 
+@pytest.mark.parametrize("name", ALL)
+def test_images_do_not_depend_on_the_unit_of_conductivity(name: str) -> None:
+    """A skin of a hundredth of the conductivity has the same image in multiples of it."""
+    images = []
+    for background in (1.0, 0.01):
+        electrodes = tuple(
+            replace(e, contact_impedance=e.contact_impedance / background)
+            for e in foam().electrodes
+        )
+        s = replace(foam(12), background=background, electrodes=electrodes)
+        method = create(name)
+        method.fit(clean_problem(s))
+        frame = forward_model(s).voltages(touch(s, (0.065, 0.04), 0.015, 0.6))
+        images.append(method.reconstruct(frame[None])[0] / background)
+    np.testing.assert_allclose(images[0], images[1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "sentence"),
+    [
+        ("noser", {"weight": -0.5}, "'weight' is a number above 0, got -0.5"),
+        ("noser", {"gain_power": -3.0}, "power of gains at least 0"),
+        ("back-projection", {"row_exponent": 1000.0}, "exponent of rows is from 0 to 1"),
+        ("tv", {"weight": 0.0}, "'weight' is a number above 0, got 0.0"),
+        ("greit", {"blur": -0.2}, "'blur' is a number above 0, got -0.2"),
+        ("gauss-newton-noser", {"steps": 0}, "whole number of steps, 1 at least, got 0"),
+        ("gauss-newton-tv", {"steps": 2.5}, "whole number of steps, 1 at least, got 2.5"),
+    ],
+)
+def test_impossible_parameters_are_refused(
+    name: str, parameters: dict[str, float], sentence: str
+) -> None:
+    with pytest.raises(InputError, match=sentence):
+        create(name, **parameters).fit(clean_problem(foam(12)))
+
+
 def test_bad_frames_are_refused_in_one_sentence() -> None:
     p = clean_problem(foam(12))
     with pytest.raises(InputError, match="208"):

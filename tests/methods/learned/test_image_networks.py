@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
-from tests.support.small_sensors import TINY, suite_of, tiny_mse, tiny_problem
+from tests.support.small_sensors import TINY, foam, suite_of, tiny_mse, tiny_problem
 
 from eitbench.cli import main
 from eitbench.methods import Problem, create, methods
@@ -21,6 +21,7 @@ from eitbench.methods.learned import image_network_training
 from eitbench.methods.learned.image_network_training import ImageTask
 from eitbench.methods.learned.image_networks import Dnn, DnnLarge, DnnRandomised, ImageNetworkMethod
 from eitbench.methods.method import reconstructed
+from eitbench.methods.networks.image_network import ImageNetwork
 from eitbench.methods.problem import no_split
 from eitbench.methods.training import (
     DivergedError,
@@ -327,6 +328,26 @@ def test_without_a_data_loss_no_true_image_has_a_part(
     assert weights[0].keys() == weights[1].keys()
     for name, tensor in weights[0].items():
         assert torch.equal(tensor, weights[1][name])
+
+
+def test_images_that_are_not_finite_have_no_finite_loss_without_a_data_loss() -> None:
+    """So that a training of the physical loss alone ends as one of both does."""
+    s = foam((12, 12))
+    network = ImageNetwork(s, "unet")
+    for weights in network.parameters():
+        weights.data.fill_(torch.nan)
+    voltages = torch.zeros(2, s.n_measurements)
+
+    class Unmoved:
+        def __call__(self, *batch: torch.Tensor) -> tuple[Any, ...]:
+            return batch[0], batch[-1], None
+
+    def physical(*_: object) -> Any:
+        raise AssertionError("images that are not finite have no voltages")
+
+    task = ImageTask(network, Unmoved(), "mse", physical, 0.0, 1.0, 5)  # type: ignore[arg-type]
+    loss, _ = task.objective((voltages, voltages, torch.ones(2, 12, 12)), 4)
+    assert not loss.isfinite()
 
 
 @pytest.mark.slow

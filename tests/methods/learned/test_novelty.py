@@ -81,6 +81,11 @@ def test_a_frame_without_any_change_is_finite_and_far(judge: Judge) -> None:
     assert scores.min() > judge.scores(data).max()
 
 
+def test_no_frame_has_no_novelty(judge: Judge) -> None:
+    none = judge.problem.reference[None][:0]
+    assert judge.novelty.of(none, judge.method.reconstruct(none)).shape == (0,)
+
+
 def test_few_frames_are_refused() -> None:
     with pytest.raises(InputError, match="at least 15 familiar frames, got 14"):
         Judge(14)

@@ -15,6 +15,7 @@ from eitbench.methods import Problem, create
 from eitbench.methods.learned.gauss_newton_update import SNR_DB, GaussNewtonUpdate, expected_error
 from eitbench.methods.learned.image_networks import (
     TRAINED_ON,
+    Dnn,
     ImageNetworkMethod,
     TrainedMethod,
 )
@@ -23,7 +24,7 @@ from eitbench.methods.learned.refined import (
     RefinementMethod,
     SecondGaussNewton,
 )
-from eitbench.methods.learned.refiner_training import RefinerTask, SpreadTask
+from eitbench.methods.learned.refiner_training import RefinerTask, SpreadTask, _inputs
 from eitbench.methods.networks.image_network import ImageNetwork
 from eitbench.methods.networks.refiner import LEAST, SOFT, Refiner, SpreadNetwork
 from eitbench.methods.problem import no_split
@@ -152,6 +153,7 @@ def test_images_move_with_the_sensor(
         if name == "dnn":
             Path(method.weights).rename(tmp_path / method.files.file_name(s))
         image = method.relative(frames)
+        assert method.relative(frames[:0]).shape == (0, *s.image_shape)
         alone = []
         for move in moves:
             change = method.relative(move.voltages(frames)) - move.images(image)
@@ -255,6 +257,28 @@ def test_a_network_improves_a_coarse_image(cache: Path) -> None:
     coarse = tiny_mse(create("noser", variable="clausius-mossotti", weight=0.01))
     assert tiny_mse(create("coarse-to-fine")) < 0.7 * coarse
     assert result.baseline_loss == pytest.approx(coarse, rel=0.3)
+
+
+def test_first_images_are_those_of_the_weights_that_are_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A training after the first network was trained again learns from its new images."""
+    monkeypatch.setattr(weight_files, "user_weights", lambda: tmp_path)
+    s = TINY.nominal_sensor
+    frames = difference(clean_problem(s), touched(s))[None]
+    seen = []
+    for seed in (1, 2):
+        torch.manual_seed(seed)
+        network = ImageNetwork(s, "unet")
+        for parameter in network.parameters():
+            parameter.data += 0.05 * torch.randn_like(parameter)
+        about = dict.fromkeys(TRAINED_ON, "1") | {"train_s": "5", "backbone": "unet"}
+        Dnn.files.save(tmp_path / Dnn.files.file_name(s), s, network.state_dict(), about)
+        method = LearnedGaussNewton()
+        method.start(clean_problem(s))
+        seen.append(_inputs(LearnedGaussNewton, TINY, "cpu", method.begun_from, frames))
+        np.testing.assert_array_equal(seen[-1], method.inputs(frames))
+    assert np.abs(seen[0] - seen[1]).max() > 1e-3
 
 
 def test_deviations_are_trained_by_the_crps_of_normal_distributions() -> None:

@@ -1,5 +1,6 @@
 """The U-Net of the Kuopio tank: its linear images, its sensors, and its images of real frames."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 
@@ -9,8 +10,15 @@ import torch
 from numpy.typing import NDArray
 
 from eitbench.benchmark.metrics.ktc import ktc_score
-from eitbench.methods.learned.tank_training import Board
-from eitbench.methods.learned.tank_unet import NOISE, LinearImages, TankUNet
+from eitbench.methods.learned import tank_training
+from eitbench.methods.learned.tank_training import Board, TankTask
+from eitbench.methods.learned.tank_unet import (
+    CHANNELS,
+    NOISE,
+    LinearImages,
+    TankUNet,
+    image_map,
+)
 from eitbench.methods.method import reconstructed
 from eitbench.methods.networks.class_network import ClassNetwork
 from eitbench.methods.problem import Problem, no_split
@@ -53,6 +61,25 @@ def test_images_are_the_regularised_least_squares_solutions() -> None:
     expected = np.linalg.solve(normal, rows.T @ data / weight)
     found = shown(images, change)[1]
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+
+
+class Meta(torch.Tensor):
+    """A batch on another device than random numbers are drawn on, such as a GPU."""
+
+    def cpu(self) -> torch.Tensor:  # type: ignore[override]
+        return torch.zeros(self.shape)
+
+
+def test_a_batch_may_be_on_another_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tank_training, "working_precision", lambda _: nullcontext())
+    _, untouched, images = linear()
+    network = ClassNetwork(COARSE.mask, CHANNELS).to("meta")
+    kept = torch.arange(len(untouched))
+    level = (kept, image_map(images, COARSE.mask))
+    task = TankTask(network, Board(COARSE.pattern, untouched), [level])
+    difference = torch.empty(2, len(untouched), device="meta").as_subclass(Meta)
+    loss = task.loss((difference, torch.empty(2, *COARSE.image_shape, device="meta")))
+    assert loss.device.type == "meta"
 
 
 def test_a_common_factor_of_all_values_is_no_object() -> None:

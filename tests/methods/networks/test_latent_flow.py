@@ -46,6 +46,19 @@ def test_a_sensor_of_few_measurements_and_pixels_has_fewer_components() -> None:
     assert (flow.components.shape, flow.seen.shape) == ((64, 64), (40, 40))
     assert flow.draws(torch.randn(3, 64), torch.randn(2, 40)).shape == (2, 3, 8, 8)
     assert flow.log_density(torch.randn(2, 64), torch.randn(2, 40)).shape == (2,)
+    assert flow.draws(torch.randn(3, 64), torch.randn(0, 40)).shape == (0, 3, 8, 8)
+
+
+def test_measurements_that_repeat_others_are_not_taken_for_information() -> None:
+    """Of 40 measurements by 8 electrodes 20 repeat the others but for rounding."""
+    torch.manual_seed(0)
+    clean = torch.randn(200, 20) @ torch.randn(20, 40)
+    flow = LatentFlow(40, (8, 8))
+    flow.start_from(torch.randn(200, 8, 8), clean)
+    seen = clean @ flow.seen
+    assert float(seen.square().mean()) == pytest.approx(0.5, abs=0.1)  # half of them are 1
+    noisy = clean + 1e-3 * clean.std() * torch.randn_like(clean)
+    assert float((noisy @ flow.seen - seen).square().mean()) < 100
 
 
 def test_components_are_those_of_principal_component_analysis(flow: LatentFlow) -> None:
