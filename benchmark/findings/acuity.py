@@ -223,7 +223,6 @@ def figures_of(
     # A place that shows nothing counts as the worst, not as none.
     worst = dict.fromkeys(("smallest_pa", "smallest_s_mm2", *GREIT), np.inf) | {"amplitude": 0.0}
     typical = places[[*worst]].fillna(worst).median().replace(np.inf, np.nan)
-    linear = np.nan_to_num(linear)
     gain, amplitude = numbers(places, "gain"), numbers(places, "amplitude")
     return {
         "auc": float(np.trapezoid(curve[1], curve[0])),
@@ -236,7 +235,7 @@ def figures_of(
         "least_mm": least_apart(pair, APART),
         "truth_least_mm": least_apart(pair, APART, "truth_apart"),
         "false_pairs": float((found["count"] > 1).mean()) if len(found) else float("nan"),
-        "linearity": float(np.median(linear)),
+        "linearity": float(np.median(np.nan_to_num(linear))),
         "slope_cv": _variation(gain),
         "noise_figure": float("nan"),
         "amplitude": float(typical["amplitude"]),

@@ -176,7 +176,9 @@ def seen(images: Array, truth: Array, samples: pd.DataFrame, sensor: Sensor) -> 
     table["truth_apart"] = _told_apart(contacts(truth - sensor.background, sensor), table)
     pixels = contrast[:, sensor.mask]
     table["magnitude"], table["spread"] = mean_magnitude(pixels), spread(pixels)
-    table.loc[~valid & (table["family"] == "no-touch"), ["shown", "spread"]] = np.inf, np.nan
+    failed = ~valid & (table["family"] == "no-touch").to_numpy()
+    table["shown"] = table["shown"].mask(failed, np.inf)
+    table["spread"] = table["spread"].mask(failed, np.nan)
     return table.join(_greit(contrast, truth - sensor.background, table, sensor))
 
 

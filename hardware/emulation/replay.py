@@ -43,16 +43,16 @@ class Replay(Board):
         if not (np.isfinite(speed) and speed > 0):
             raise InputError(f"A recording is played at a speed above 0, got {speed:g}.")
         if is_recording(str(file)):
-            nominal, times, values, emulated = _recording_file(Path(file))
+            nominal, numbers, times, values, emulated = _recording_file(Path(file))
         else:
-            nominal, times, values, emulated = _recorded_set(str(file))
+            nominal, numbers, times, values, emulated = _recorded_set(str(file))
         if sensor is not None and sensor != nominal:
             raise InputError(
                 f"{file} was measured on sensor {nominal.name!r}, not on {sensor.name!r}: leave "
                 "out --sensor."
             )
         super().__init__(nominal, emulated=emulated)
-        self._values = values
+        self._numbers, self._values = numbers, values
         self._times = (times - times[0]) / speed
         self._position = 0
         self._open = False
@@ -102,7 +102,7 @@ class Replay(Board):
         now = time.monotonic()
         until = int(np.searchsorted(self._times, now - self._begin, side="right"))
         due = [
-            Frame(k, float(self._times[k]), now, self._values[k])
+            Frame(int(self._numbers[k]), float(self._times[k]), now, self._values[k])
             for k in range(self._position, until)
         ]
         self._position = max(self._position, until)
@@ -110,8 +110,9 @@ class Replay(Board):
         return due
 
 
-Frames = tuple[Sensor, NDArray[np.float64], NDArray[np.float64], bool]
-"""A sensor, times (n,) [s], values (n, M), and True if the sensor was emulated."""
+Frames = tuple[Sensor, NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], bool]
+"""A sensor, running numbers (n,), times (n,) [s], values (n, M), and True if the sensor was
+emulated."""
 
 
 def _recorded_set(name: str) -> Frames:
@@ -121,7 +122,8 @@ def _recorded_set(name: str) -> Frames:
         raise no_untouched_frame(name)
     untouched = np.repeat(recording.reference[None], _UNTOUCHED, axis=0)
     values = np.concatenate([untouched, recording.voltages])
-    return recorded.sensor(), np.arange(len(values)) / RATE_HZ, values, False
+    numbers = np.arange(len(values))
+    return recorded.sensor(), numbers, numbers / RATE_HZ, values, False
 
 
 def _recording_file(path: Path) -> Frames:
@@ -130,7 +132,22 @@ def _recording_file(path: Path) -> Frames:
         raise InputError(f"{path} holds no frames: there is nothing to play.")
     if content.differences:
         raise no_untouched_frame(path)
-    return content.sensor, _clock(content), content.values, content.emulated
+    return (
+        content.sensor,
+        _numbers(content),
+        _clock(content),
+        content.values,
+        content.emulated,
+    )
+
+
+def _numbers(content: Content) -> NDArray[np.int64]:
+    """Running numbers (n,) from 0, with the gaps that lost frames left.
+
+    Where a board started anew, the frame follows as if none had been lost.
+    """
+    steps = np.diff(content.number)
+    return np.concatenate([[0], np.cumsum(np.where(steps > 0, steps, 1))])
 
 
 def _clock(content: Content) -> NDArray[np.float64]:

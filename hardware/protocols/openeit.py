@@ -52,6 +52,10 @@ class OpenEit(LineProtocol):
     default_sensor = "ohmc16"
     device = _OpenEitDevice
 
+    def __init__(self, sensor: Sensor) -> None:
+        super().__init__(sensor)
+        self._first = True
+
     @classmethod
     def check(cls, sensor: Sensor) -> None:
         """Refuse a sensor with another pattern than opposition."""
@@ -66,13 +70,20 @@ class OpenEit(LineProtocol):
                 "such as 'ohmc16'."
             )
 
+    def begin(self) -> None:
+        """See `Protocol`; the first line may be the end of one."""
+        super().begin()
+        self._first = True
+
     def starting(self) -> Sequence[bytes]:
         """The letter of the sensor's number of electrodes."""
         return (MODES[self.sensor.n_electrodes] + b"\n",)
 
     def _values(self, line: bytes) -> Array | None:
-        at = line.rfind(MARK)
-        if at < 0:
+        at, first = line.rfind(MARK), self._first
+        self._first = False
+        if at < 0:  # without its beginning, a line of values is still known by its commas
+            self.health.damaged += not first and line.count(b",") > self.sensor.n_measurements // 2
             return None
         values = numbers(line[at + len(MARK) :])
         if len(values) == self.sensor.n_measurements:

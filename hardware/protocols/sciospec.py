@@ -30,6 +30,7 @@ _ROWS = 256  # result frames that are looked at together
 _GROUP = 1  # the only one with 16 channels
 _SOURCE, _ROW, _TIME, _VALUES = 3, slice(5, 7), slice(7, 11), slice(11, 139)
 _HEAD = bytes([_RESULT, _PAYLOAD, _GROUP])
+_NONE = -1  # no injection
 _STARTS = re.compile(re.escape(_HEAD) + rb"|\x18\x01[\x81-\x83]")
 
 
@@ -118,12 +119,19 @@ class Sciospec(Protocol):
         self._places = places(self._drives, sensor.pattern)
         self._order = np.arange(len(self._drives))
         # From src and sink, a byte each, to the number of the injection; -1 is none.
-        self._injection = np.full((256, 256), -1)
+        self._injection = np.full((256, 256), _NONE)
         for k, (src, sink) in enumerate(self._drives):
             self._injection[src + 1, sink + 1] = k
         self._scanner = Scanner(_STARTS, partial(_frame_length, last=_ends(*self._drives[-1])))
         self._set = np.empty((0, RESULT_BYTES), np.uint8)  # of the frame that is being completed
         self._number = 0
+        # The injection that was passed over last, on the way to the next frame; None in a frame.
+        self._passed: int | None = _NONE
+
+    def begin(self) -> None:
+        """See `Protocol`; what comes first may be the end of a frame."""
+        super().begin()
+        self._set, self._passed = self._set[:0], _NONE
 
     @classmethod
     def check(cls, sensor: Sensor) -> None:
@@ -165,14 +173,14 @@ class Sciospec(Protocol):
         whole: list[int] = []
         numbers: list[int] = []
         while True:
+            if self._passed is not None:
+                at = self._next_begin(found, at)
             wanted = self._order[: len(found) - at]
             wrong = np.flatnonzero(found[at : at + n] != wanted)
             if wrong.size:
-                # What began here is no frame; the next one begins with the first injection.
-                at += max(int(wrong[0]), 1)
-                self.health.damaged += int(wrong[0] > 0)
-                self._number += int(wrong[0] > 0)
-                at += int(np.argmax(np.append(found[at:], 0) == 0))
+                self._lose_one()
+                at += int(wrong[0])
+                self._passed = int(wrong[0]) - 1
             elif len(wanted) < n:
                 break
             else:
@@ -185,6 +193,26 @@ class Sciospec(Protocol):
             return []
         sets = rows[np.add.outer(np.array(whole), self._order)]
         return self._measured(sets, numbers, received_s)
+
+    def _next_begin(self, found: NDArray[np.int64], at: int) -> int:
+        """The place of the next first injection in `found` (k,), or k; the rest of a lost frame.
+
+        Where the injections begin anew without their first one, another frame is lost.
+        """
+        assert self._passed is not None
+        while at < len(found) and found[at] != 0:
+            if 0 <= found[at] < self._passed - len(self._drives) // 2:
+                self._lose_one()
+            self._passed = int(found[at])
+            at += 1
+        if at < len(found):
+            self._passed = None
+        return at
+
+    def _lose_one(self) -> None:
+        """Count a damaged frame; it leaves a gap in the numbers."""
+        self.health.damaged += 1
+        self._number += 1
 
     def _measured(
         self, sets: NDArray[np.uint8], numbers: list[int], received_s: float

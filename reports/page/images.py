@@ -93,7 +93,7 @@ def packed_images(
         "low": low,
         "high": high,
         "data": pack(pixels.tobytes()),
-        "figures": _figures(table, samples),
+        "figures": _figures(table, samples, by),
     }
 
 
@@ -195,9 +195,11 @@ def _cases(table: pd.DataFrame, by: str | None) -> list[dict[str, Any]]:
     ]
 
 
-def _figures(table: pd.DataFrame, samples: Sequence[int]) -> dict[str, list[dict[str, Any]]]:
+def _figures(
+    table: pd.DataFrame, samples: Sequence[int], by: str | None
+) -> dict[str, list[dict[str, Any]]]:
     """Return the status and metrics of each method's image of each sample, by method."""
-    names = [name for name in _BELOW if name in table]
+    names = [name for name in dict.fromkeys((*_BELOW, *([by] if by else ()))) if name in table]
     figures = {}
     for method, cell in table[table["sample"].isin(samples)].groupby("label", sort=False):
         rows = cell.sort_values("sample")

@@ -7,7 +7,7 @@ import os
 import re
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from functools import cache
 from importlib.resources import files
@@ -40,6 +40,7 @@ from eitbench.reports.page.report_data import (
     largest,
     report_of,
 )
+from eitbench.reports.tables.boards import PrintedBoard
 from eitbench.reports.tables.columns import printable
 from eitbench.reports.tables.references import reference
 
@@ -57,7 +58,7 @@ def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]
 
     Raises:
         InputError, DataCorruptError: as for `read_run` and `report_of`, `out` is a run directory,
-            or there is a page of somebody else in it.
+            or there are files of somebody else in it.
         EitbenchError: the files cannot be written.
     """
     read = [read_run(run) for run in runs]
@@ -66,7 +67,9 @@ def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]
             f"{out} is a run directory, which holds what a run writes alone: choose another folder "
             "with --out."
         )
-    check_own_page(out / PAGE)
+    check_own_folder(out)
+    with writing(f"the report into {out}"):  # so that the folder is ours if this is interrupted
+        atomic_write(out / PAGE, "<!doctype html><title>Not finished – eitbench</title>".encode())
     report, found, files = _both_parts(read, out)
     with writing(f"the report into {out}"):
         page = to_page(report, _code_links(read, out), found)
@@ -74,17 +77,26 @@ def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]
     return [out / PAGE, *files], report["missing"]
 
 
-def check_own_page(page: Path) -> None:
-    """Check that no file of somebody else would be replaced by `page`.
+def check_own_folder(out: Path, besides: Collection[str] = ()) -> None:
+    """Check that no file of somebody else would be replaced in the folder `out`.
+
+    It is new or empty, but for hidden files and those named `besides`, or it has a page of ours.
 
     Raises:
-        InputError: one would.
-        EitbenchError: the file that is there cannot be read.
+        InputError: it has files of others.
+        EitbenchError: what is there cannot be read.
     """
-    with writing(page):
+    page = out / PAGE
+    with writing(out):
         there = page.read_bytes()[:2000] if page.exists() else None
+        names = sorted(path.name for path in out.iterdir()) if out.exists() else []
     if there is not None and not _OWN_TITLE.search(there):
         raise InputError(f"{page} is no page of eitbench: choose another folder with --out.")
+    others = [name for name in names if name not in besides and not name.startswith(".")]
+    if there is None and others:
+        raise InputError(
+            f"{out} holds files of others, such as {others[0]}: choose an empty folder with --out."
+        )
 
 
 _OWN_TITLE = re.compile("<title>[^<]*– eitbench".encode())
@@ -205,8 +217,11 @@ def _for_script(board: BoardData) -> dict[str, Any]:
     names |= {f"{name}_{end}" for name in names for end in ("low", "high")}
     views = []
     for view in board["views"]:
+        printed = PrintedBoard("", "", view["rows"])
+        columns = printed.columns()
         rows = [
             {name: value for name, value in row.items() if name in names and value is not None}
+            | {"best": [of.name for of in columns if printed.is_best(of, row)]}
             for row in view["rows"]
         ]
         views.append(view | {"rows": rows})

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, STYLE, new_figure, svg
 from eitbench.reports.page.images import unpacked
 
@@ -36,7 +37,7 @@ def extremes(board: BoardData, label: str) -> tuple[int, int] | None:
     known = [k for k, value in enumerate(figures) if value is not None]
     if len(known) < 2:
         return None
-    lower_is_better = by == "localisation_mm"
+    lower_is_better = METRICS[by].best == "min"
     known.sort(key=lambda k: figures[k], reverse=not lower_is_better)
     return known[0], known[-1]
 

@@ -26,7 +26,7 @@ from eitbench.benchmark.submissions.submission import FOLDER as SUBMISSIONS
 from eitbench.benchmark.submissions.tiers import is_submission
 from eitbench.reports.findings.collect import findings
 from eitbench.reports.page.rendering import asset, render
-from eitbench.reports.page.report import check_own_page, to_page
+from eitbench.reports.page.report import check_own_folder, to_page
 from eitbench.reports.site import images
 from eitbench.reports.site.croissant import LICENCE, recording_card, suite_card
 from eitbench.reports.site.edition import Edition, SuitePart, editions, method_file
@@ -80,14 +80,16 @@ def write_site(folder: Path, out: Path) -> list[Path]:
         The pages, the front page first.
 
     Raises:
-        InputError: there is no run directory in `folder`, `out` is that folder, or it holds a page
-            of somebody else.
+        InputError: there is no run directory in `folder`, `out` is that folder or a run, or
+            it holds files of somebody else.
         DataCorruptError: a record of the leaderboard cannot be read.
         EitbenchError: the pages cannot be written.
     """
     if out.resolve() == folder.resolve():
         raise InputError(f"{out} holds the runs: give another folder for the site.")
-    check_own_page(out / "index.html")
+    if (out / manifest.FILE_NAME).exists():
+        raise InputError(f"{out} is a run directory: choose another folder for the site.")
+    check_own_folder(out, besides=[Path(_DOCUMENTATION).parts[0]])
     found = editions(folder)
     versions = [(of.version, f"{ARCHIVE}/{of.version}/" if k else "") for k, of in enumerate(found)]
     written = []

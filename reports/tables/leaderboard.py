@@ -74,7 +74,9 @@ def sorted_rows(rows: Sequence[Row], by: str) -> list[Row]:
     def order(row: Row) -> tuple[bool, Any]:
         column = layout(row).column(by)
         value = row.get(by)
-        return value is None, -value if value and column and column.best == "max" else value or 0
+        if value is None or value == "":
+            return True, 0
+        return False, -value if column and column.best == "max" else value
 
     return [row for board in boards(rows) for row in sorted(board, key=order)]
 

@@ -126,14 +126,14 @@ def _variable(data: bytes) -> tuple[str, Variable | None]:
     stored, values = next(elements, (1, b""))
     sizes = np.frombuffer(shape, "<i4").tolist()
     if kind & 0xFF == _CHAR:
-        return called, _lines(values.decode(_TEXTS[stored]), sizes)
+        return called, text_lines(values.decode(_TEXTS[stored]), sizes)
     array = _array(stored, values, sizes, _CLASSES[kind & 0xFF])
     if kind & _COMPLEX:
         return called, array + 1j * _array(*next(elements), sizes, _CLASSES[kind & 0xFF])
     return called, array
 
 
-def _lines(text: str, sizes: list[int]) -> Variable | None:
+def text_lines(text: str, sizes: list[int]) -> Variable | None:
     """A text, or the lines (n,) of a matrix of characters; None where these are not told apart."""
     if len(sizes) != 2 or sizes[0] < 2:
         return text

@@ -81,7 +81,7 @@ def plot(image: ArrayLike, sensor: Sensor | str, truth: ArrayLike | None = None)
 
 
 def _draw_rim(axes: Axes, sensor: Sensor) -> None:
-    """Draw the outline, and the electrodes as bars on it, with their numbers outside."""
+    """Draw the outline, and the electrodes as bars on it, with their numbers inside it."""
     outline = sensor.outline
     around = np.linspace(0, outline.perimeter, _RIM_POINTS + 1)
     rim = _MM * outline.point(np.sort(np.concatenate([around, outline.corners])))

@@ -141,7 +141,7 @@ function showRecording(recording) {
   else if (recording.failed) set(words, `▲ ${recording.failed}`);
   else {
     const { file, frames, touches, enough, suite } = recording;
-    let said = `${running ? "LiveRecording to" : "Recorded"} ${file}: ${frames} frames, ${touches} of ${enough} touches.`;
+    let said = `${running ? "Recording to" : "Recorded"} ${file}: ${frames} frames, ${touches} of ${enough} touches.`;
     if (!running && touches >= enough) said += ` Score methods on them: eitbench run ${suite}`;
     set(words, said);
   }

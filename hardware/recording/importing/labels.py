@@ -224,6 +224,12 @@ def placed(
     frames = np.arange(files[0].start, files[-1].start + files[-1].count)
     touched = np.setdiff1d(frames, reference)
     has_rows = "frame" in table or {"first", "last"} <= set(table)
+    # One row may stand for all frames of a file, whose arrays have any names.
+    if not has_rows and len(table) > 1 and (ends := {"first", "last"} & set(table)):
+        (given,), (other,) = ends, {"first", "last"} - ends
+        raise InputError(
+            f"{path} has a column {given!r} and none {other!r}: give both, or one column frame."
+        )
     # Where rows of frames are counted from, and how many there are.
     base, held = np.array([files[0].start]), np.array([len(frames)])
     left_out = Counter[str]()

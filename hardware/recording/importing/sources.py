@@ -18,7 +18,7 @@ from eitbench.scenarios.recordings.files import layout
 from eitbench.scenarios.recordings.files.csv_mat import OURS, read_csv, read_mat_recording
 from eitbench.scenarios.recordings.files.own import undamaged
 from eitbench.scenarios.recordings.files.recording_file import Content
-from eitbench.scenarios.recordings.matlab import all_variables, variables
+from eitbench.scenarios.recordings.matlab import all_variables, text_lines, variables
 from eitbench.scenarios.storage.limits import most_bytes, own_dataset
 from eitbench.scenarios.storage.try_reading import try_reading
 
@@ -218,7 +218,9 @@ def _grouped(columns: Arrays, rows: Rows) -> Arrays:
     series: dict[str, dict[int, str]] = {}
     for name in columns:
         if match := _SERIES.fullmatch(name):
-            series.setdefault(match[1], {})[int(match[2])] = name
+            members = series.setdefault(match[1], {})
+            if (other := members.setdefault(int(match[2]), name)) != name:
+                raise ValueError(f"it has the columns {other!r} and {name!r}, which are one number")
     found: Arrays = {}
     for prefix, members in series.items():
         if len(members) > 1:
@@ -343,6 +345,14 @@ def _hdf5(path: Path) -> Arrays:
 
     def keep(name: str, part: Any) -> None:
         if not isinstance(part, h5py.Dataset) or name.startswith("#"):  # MATLAB's own
+            return
+        if "MATLAB_empty" in part.attrs:  # its values are the sizes
+            found[name] = np.empty((0, 0))
+            return
+        if part.attrs.get("MATLAB_class") == b"char":
+            letters = np.asarray(own_dataset(part.file, name, most)[()], "<u2")
+            text = text_lines(letters.tobytes().decode("utf-16-le"), list(letters.shape[::-1]))
+            found[name] = UNREAD if text is None else np.asarray(text)
             return
         parts = part.dtype.names or ()
         if part.dtype.kind in "biufc" or set(parts) == {"real", "imag"}:

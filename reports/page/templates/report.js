@@ -81,14 +81,6 @@ function choose(name) {
 
 function drawBoard() {
   const rows = rowsShown(), columns = board().columns;
-  const best = {};
-  // A mean over the first samples is no rival of one over all of them.
-  const most = Math.max(...view().rows.map((row) => row.n));
-  for (const c of columns) {
-    const values = view().rows.filter((row) => row.n === most).map((row) => row[c.name]).filter((v) => typeof v === "number");
-    if (c.best && new Set(values.map((v) => number(c.form, v))).size > 1)
-      best[c.name] = number(c.form, c.best === "max" ? Math.max(...values) : Math.min(...values));
-  }
   const head = columns.map((c) => {
     const of = state.sort && state.sort.name === c.name;
     const press = () => {
@@ -105,7 +97,7 @@ function drawBoard() {
     const text = c.name === board().kind ? nameOf(row) : number(c.form, row[c.name]);
     if (c.name === board().kind) return el("td", { class: "text" }, el("button", { type: "button", "aria-pressed": String(nameOf(row) === state.chosen), onclick: () => choose(nameOf(row)) }, text));
     const ends = interval(c, row);
-    return el("td", { class: (c.form ? "" : "text ") + (row.n === most && best[c.name] === text ? "best" : "") }, text, ends ? el("small", {}, ends) : null);
+    return el("td", { class: (c.form ? "" : "text ") + (row.best.includes(c.name) ? "best" : "") }, text, ends ? el("small", {}, ends) : null);
   })));
   $("leaderboard").replaceChildren(el("caption", { class: "soft" }, `${board().name}, ${view().label}`),
     el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...(body.length ? body : [el("tr", {}, el("td", { class: "text", colspan: columns.length }, "Nothing matches."))])));
@@ -327,11 +319,12 @@ function zoom(name, c, mode) {
   const rest = `${figuresOf(name, c.sample)} Move over the image, or use the arrow keys on it, to read its values.`.trim();
   $("zoom-value").textContent = rest;
   let x = Math.floor(width / 2), y = Math.floor(height / 2);
-  // A byte holds a pixel, which is worth two decimals.
+  // As many decimals as the steps that a byte holds.
+  const of = board().images, digits = Math.max(2, Math.min(6, Math.floor(-Math.log10((of.high - of.low) / of.steps))));
   const tell = () => {
     const value = found[y * width + x];
     $("zoom-value").textContent = Number.isNaN(value) ? `pixel ${x}, ${y}: outside the sensor` :
-      `pixel ${x}, ${y}: ${mode === "conductivity" ? "" : mode + " "}${value.toFixed(2)} S/m`;
+      `pixel ${x}, ${y}: ${mode === "conductivity" ? "" : mode + " "}${value.toFixed(digits)} S/m`;
   };
   canvas.onpointerleave = () => { $("zoom-value").textContent = rest; };
   canvas.onpointermove = (event) => {

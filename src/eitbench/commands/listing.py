@@ -61,7 +61,9 @@ def _sensors() -> list[Row]:
                 "outline": "rectangle" if is_rectangle(sensor.outline) else outline,
                 "size_mm": f"{x1 - x0:.4g} x {y1 - y0:.4g}",
                 "electrodes": sensor.n_electrodes,
-                "width_mm": " to ".join(f"{width:.3g}" for width in {*widths[:1], *widths[-1:]}),
+                "width_mm": " to ".join(
+                    dict.fromkeys(f"{width:.3g}" for width in (widths[0], widths[-1]))
+                ),
                 "pattern": sensor.pattern.title,
                 "measurements": sensor.n_measurements,
                 "image": "{} x {}".format(*sensor.image_shape),

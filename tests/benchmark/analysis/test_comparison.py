@@ -148,12 +148,9 @@ def test_a_median_that_hides_what_became_worse_is_not_negligible() -> None:
     for count in (15, 3):
         after = before.copy()
         after[np.argsort(before)[-count:]] += 200
-        pair = []
-        for values in (before, after):
-            of = results({"m": np.full(40, np.nan)})
-            of.samples["localisation_mm"] = values
-            pair.append(of)
-        (change,) = compare(*pair).changes
+        old, new = results({"m": np.full(40, np.nan)}), results({"m": np.full(40, np.nan)})
+        old.samples["localisation_mm"], new.samples["localisation_mm"] = before, after
+        (change,) = compare(old, new).changes
         assert (change.figure, change.difference) == ("localisation_mm", 0)
         assert change.verdict == "no difference found"
 

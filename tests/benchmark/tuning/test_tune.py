@@ -191,7 +191,7 @@ def test_a_trial_that_the_rest_of_the_time_ends_is_tried_again(
 ) -> None:
     """It says nothing of its parameters: with more time the choice is as if nothing had been."""
     whole = the_choice(TuningBudget(), tmp_path / "whole")
-    complete = tuning.run_trial
+    complete: Callable[..., Trial] = tuning.run_trial  # type: ignore[attr-defined]
 
     def limited(*given: Any) -> Trial:
         if given[-1] < 2:

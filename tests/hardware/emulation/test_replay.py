@@ -68,6 +68,18 @@ def test_a_clock_that_goes_back_or_stops_does_not(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.array(times) * 20, [0, 0.1, 2.2, 2.3, 2.4, 2.5, 2.6])
 
 
+def test_lost_frames_stay_lost(tmp_path: Path) -> None:
+    """Of a recording that began at 5, lost four frames, and went on from 0 after a restart."""
+    sensor = foam16()
+    with Recorder(tmp_path / "a.h5", sensor, "fake") as recorder:
+        for k, number in enumerate((5, 6, 7, 12, 13, 0, 1)):
+            recorder.append(Frame(number, 0.1 * k, 0.1 * k, np.ones(sensor.n_measurements)))
+    with Replay(tmp_path / "a.h5", speed=20) as board:
+        board.start()
+        numbers = [frame.number for frame in collect(board, 5.0)]
+    assert numbers == [0, 1, 2, 7, 8, 9, 10]
+
+
 def test_differences_on_a_modelled_reference_are_no_frames(
     recorded: RecordedFrames, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -235,6 +235,7 @@ def test_a_recording_made_on_the_page_is_sound_and_whole(
     status = "document.querySelector('#status-text').textContent"
     page.wait(f"{status}.startsWith('Taking the reference: do not touch')")
     page.wait(f"{status} === 'Running'")
+    page.wait("document.querySelector('#recording').textContent.startsWith('Recording to ')")
     for x, y in ((0.03, 0.06), (0.07, 0.03)):
         page.page.mouse.move(*page.point(x, y))
         page.page.mouse.down()

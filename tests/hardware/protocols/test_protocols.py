@@ -283,6 +283,18 @@ def test_an_emulated_board_measures_with_the_electrodes_it_has(stream: MakeStrea
     assert "sends 192 values a frame where sensor 'ohmc8' has 32" in host.refusal
 
 
+def test_a_line_that_lost_its_beginning_is_a_damaged_frame(stream: MakeStream) -> None:
+    sent = stream("openeit", 5)
+    parser = sent.parser()
+    data = sent.messages[0] + sent.messages[1] + sent.messages[2][5:] + sent.messages[3]
+    frames = parser.feed(data, 0.0)
+    assert [frame.number for frame in frames] == [0, 1, 3]
+    assert parser.health.damaged == 1
+    parser.begin()  # what comes first may be the end of a line
+    assert len(parser.feed(sent.messages[3][40:] + sent.messages[4], 0.0)) == 1
+    assert parser.health.damaged == 1
+
+
 # sciospec
 
 
@@ -323,6 +335,35 @@ def test_a_wrong_result_costs_its_frame_only(wrong: str, stream: MakeStream) -> 
     assert all(sent.holds(k, f.values) for k, f in zip((0, 2, 3), frames, strict=True))
     assert [frame.number for frame in frames] == [0, 2, 3]
     assert parser.health.damaged == 1
+
+
+@pytest.mark.parametrize("piece", [1, 139, 10**6])
+@pytest.mark.parametrize("lost", [[0], [0, 1, 2], [15], [7]])
+def test_a_frame_without_some_results_is_counted_whichever_they_are(
+    lost: list[int], piece: int, stream: MakeStream
+) -> None:
+    sent = stream("sciospec", 6)
+    messages = list(sent.messages)
+    for k in (1, 3):
+        messages[k] = b"".join(raw for of, raw in enumerate(results(sent, k)) if of not in lost)
+    data = b"".join(messages)
+    parser = sent.parser()
+    frames = []
+    for at in range(0, len(data), piece):
+        frames += parser.feed(data[at : at + piece], 0.0)
+    assert [frame.number for frame in frames] == [0, 2, 4, 5]
+    assert parser.health.damaged == 2
+    # Behind a pause the end of a frame is no loss.
+    parser.begin()
+    parser.feed(b"".join(results(sent, 0)[9:]) + sent.messages[5], 0.0)
+    assert parser.health.damaged == 2
+
+
+def test_frames_that_all_lack_their_first_result_are_counted(stream: MakeStream) -> None:
+    sent = stream("sciospec", 20)
+    parser = sent.parser()
+    assert parser.feed(b"".join(b"".join(results(sent, k)[1:]) for k in range(20)), 0.0) == []
+    assert parser.health.damaged == 19  # the first may be one that began before
 
 
 def test_other_frequencies_and_answers_may_stand_between(stream: MakeStream) -> None:

@@ -21,6 +21,7 @@ from typer.testing import CliRunner
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.commands.results import app as results
 from eitbench.reports.figures.style import STYLE
+from eitbench.reports.page import report
 from eitbench.reports.page.answer import answer, summary
 from eitbench.reports.page.images import FEW_STEPS, STEPS, packed_images, unpacked
 from eitbench.reports.page.paper import (
@@ -38,6 +39,7 @@ from eitbench.reports.page.report_data import (
     overall_views,
     report_of,
 )
+from eitbench.reports.site.images import extremes
 from eitbench.reports.site.site import write_site
 from eitbench.scenarios.errors import DataCorruptError, InputError
 
@@ -311,6 +313,12 @@ def test_methods_are_shown_with_what_they_were_told_source_and_code(
         write_report([run], mine.parent)
     assert mine.read_text() == "<title>My page</title>"
     assert list(mine.parent.iterdir()) == [mine]
+    paper = tmp_path / "paper"
+    paper.mkdir()
+    (paper / "references.bib").write_text("@article{mine}")
+    with pytest.raises(InputError, match=r"holds files of others, such as references\.bib"):
+        write_report([run], paper)
+    assert [path.read_text() for path in paper.iterdir()] == ["@article{mine}"]
     page = (tmp_path / "out" / "index.html").read_text()
     (table,) = re.findall(r'aria-label="Methods">.*?</table>', page, re.DOTALL)
     rows = dict(re.findall(r'<th scope="row">([^<]+)</th>(.*?)</tr>', table, re.DOTALL))
@@ -439,6 +447,30 @@ def test_packed_images_are_those_of_the_run(full_run: Path, families: int, steps
     assert stored is not None
     clipped = np.clip(stored, images["low"], images["high"])
     assert np.abs(found - clipped)[inside].max() <= 0.51 * step
+
+
+def test_images_have_the_figure_that_ranks_them(full_run: Path) -> None:
+    run = read_run(full_run)
+    images = packed_images({"sharp": (run, "sharp")}, "conductivity-set", "rie")
+    assert images is not None
+    figures = images["figures"]["sharp"]
+    assert all("rie" in of for of in figures if of["status"] == "ok")
+    board: Any = {"images": images, "ranked_by": "rie"}
+    best, worst = extremes(board, "sharp") or (0, 0)
+    assert figures[best]["rie"] < figures[worst]["rie"]  # the smaller the better
+
+
+def test_the_best_values_are_those_of_the_tables(full_run: Path) -> None:
+    """Of rows with all samples, and with an image of some, whatever the others have."""
+    (board, *_) = report_data([full_run])["boards"]
+    rows = board["views"][0]["rows"]
+    failed = rows[0] | {"method": "failed", "label": "failed", "coverage": 0.0, "setup_s": 1e-9}
+    part = rows[0] | {"method": "part", "label": "part", "n": 1, "score": 99.0}
+    board["views"][0]["rows"] = [*rows, failed, part]
+    shown = report._for_script(board)["views"][0]["rows"]
+    best = {row["label"]: row["best"] for row in shown}
+    assert best["failed"] == best["part"] == []
+    assert any("score" in names for names in best.values())
 
 
 def test_the_frontier_joins_what_no_other_method_beats(many: Path) -> None:

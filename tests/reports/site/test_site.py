@@ -120,6 +120,25 @@ def test_every_method_with_packaged_weights_has_a_page(
                 assert value in said
 
 
+def test_files_of_others_and_runs_are_not_replaced(
+    build: Any, dataset_of: Any, tmp_path: Path
+) -> None:
+    build.add_scaled(dataset_of("conductivity", 12), {"good": 0.9, "poor": 0.2})
+    run, mine = build.write(), tmp_path / "mine"
+    mine.mkdir()
+    (mine / "submit.html").write_text("mine")
+    with pytest.raises(InputError, match=r"holds files of others, such as submit\.html"):
+        write_site(run.parent, mine)
+    assert [path.read_text() for path in mine.iterdir()] == ["mine"]
+    with pytest.raises(InputError, match="is a run directory"):
+        write_site(run.parent, run)
+    assert not (run / "index.html").exists()
+    out = tmp_path / "documented"
+    (out / "docs").mkdir(parents=True)
+    (out / "docs" / "index.html").write_text("<title>Documentation</title>")
+    write_site(run.parent, out)
+
+
 def test_the_front_counts_what_methods_win(build: Any, dataset_of: Any, tmp_path: Path) -> None:
     for name in ("one", "two"):
         build.add_scaled(dataset_of("conductivity", 12, name), {"good": 0.9, "poor": 0.2})

@@ -92,6 +92,10 @@ def test_columns_are_chosen_and_rows_sorted_in_every_format(full_run: Path) -> N
         "method", "bounded", "localisation_mm", "group", "frame_ms_p99", "frame_ms_p50", "score",
     ]  # fmt: skip
     assert sorted_rows(rows, "frame ms") == sorted_rows(rows, "frame_ms_p50")
+    last = {row["scenario"]: k for k, row in enumerate(rows)}  # a text in the last rows alone
+    texts = [row | {"group": "a" if k in last.values() else ""} for k, row in enumerate(rows)]
+    firsts = {row["scenario"]: row["group"] for row in reversed(sorted_rows(texts, "group"))}
+    assert set(firsts.values()) == {"a"}
     with pytest.raises(InputError, match="Unknown column 'scroe': did you mean 'score'"):
         sorted_rows(rows, "scroe")
     with pytest.raises(InputError, match="Unknown column 'scroe'"):

@@ -206,6 +206,31 @@ def test_files_do_not_unpack_to_more_than_they_may(tmp_path: Path) -> None:
         arrays_of(tmp_path / "away.h5")
 
 
+def test_two_columns_of_one_number_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("v0,v1,v01,v2\n1,2,99,3\n")
+    with pytest.raises(DataCorruptError, match="columns 'v1' and 'v01', which are one number"):
+        arrays_of(tmp_path / "a.csv")
+
+
+def test_text_of_matlab_is_the_same_in_both_versions(tmp_path: Path) -> None:
+    """Version 7.3 is HDF5: its texts are numbers there, and its empty arrays their sizes."""
+    lines = np.array(["left ", "right"])
+    held = {"values": VALUES, "state": "pressed", "sides": lines, "none": np.empty((0, 0))}
+    scipy.io.savemat(tmp_path / "a.mat", held, do_compression=True)
+    with h5py.File(tmp_path / "b.h5", "w", userblock_size=512) as file:
+        file["values"] = VALUES.T
+        for name, texts in (("state", ["pressed"]), ("sides", lines.tolist())):
+            letters = np.array([[ord(letter) for letter in text] for text in texts], "<u2")
+            file.create_dataset(name, data=letters.T).attrs["MATLAB_class"] = np.bytes_("char")
+        file.create_dataset("none", data=np.array([0, 0], "<u8")).attrs["MATLAB_empty"] = 1
+    (tmp_path / "b.h5").rename(tmp_path / "b.mat")
+    old, new = (read_arrays(tmp_path / name) for name in ("a.mat", "b.mat"))
+    assert set(old) == set(new)
+    for name, array in old.items():
+        assert array.shape == new[name].shape
+        assert array.tolist() == new[name].tolist()
+
+
 def test_a_missing_package_is_named(tmp_path: Path, imported: Import, monkeypatch: Any) -> None:
     monkeypatch.setattr("eitbench.scenarios.extras.find_spec", lambda _: None)
     (tmp_path / "a.xlsx").write_bytes(b"")

@@ -61,6 +61,16 @@ def test_a_folder_of_presses_with_a_sheet(tmp_path: Path, imported: Import) -> N
     assert again.labels["first"].tolist() == [20, 2, 0]
 
 
+@pytest.mark.parametrize(("given", "other"), [("first", "last"), ("last", "first")])
+def test_a_column_of_first_frames_alone_says_nothing(
+    given: str, other: str, tmp_path: Path, imported: Import
+) -> None:
+    np.savetxt(tmp_path / "a.csv", VALUES[:3], delimiter=",")
+    (tmp_path / "sheet.csv").write_text(f"{given},x_mm,y_mm\n2,10,10\n1,20,20\n0,30,30\n")
+    with pytest.raises(InputError, match=f"has a column '{given}' and none '{other}': give both"):
+        imported("a.csv", labels=tmp_path / "sheet.csv")
+
+
 @pytest.mark.slow
 def test_rows_of_a_sheet_find_their_frames(tmp_path: Path, imported: Import) -> None:
     np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
