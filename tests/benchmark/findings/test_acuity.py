@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.typing import NDArray
 
 from eitbench.benchmark.findings.acuity import (
     least_apart,
@@ -17,6 +18,7 @@ from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.phantoms.acuity import Acuity
 from eitbench.scenarios.phantoms.phantom import rasterise
 from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.sensors.sensor import Sensor
 
 
 def test_the_threshold_lets_one_in_a_hundred_pass() -> None:
@@ -95,18 +97,23 @@ def test_the_interval_of_the_pull_holds_it_as_often_as_it_says() -> None:
     assert 0.93 <= np.mean(held) <= 0.98
 
 
+COLUMNS = ("place", "pressure_pa", "x_m", "y_m", "x2_m", "y2_m", "probe_distance_mm")
+
+
+def designed(nominal: Sensor, acuity: Acuity) -> tuple[NDArray[np.float64], pd.DataFrame]:
+    """True images (n, H, W) of the design, and rows of samples at 50 dB."""
+    phantoms = acuity.design(nominal)
+    rows = [
+        {"family": p.family, "snr_db": 50.0}
+        | {name: p.parameters.get(name, np.nan) for name in COLUMNS}
+        for p in phantoms
+    ]
+    return np.array([rasterise(phantom, nominal) for phantom in phantoms]), pd.DataFrame(rows)
+
+
 def test_true_images_feel_all_at_their_places_and_blurred_ones_do_not_tell_two_apart() -> None:
     nominal, acuity = sensor("foam16"), Acuity()
-    phantoms = acuity.design(nominal)
-    truth = np.array([rasterise(phantom, nominal) for phantom in phantoms])
-    columns = ("place", "pressure_pa", "x_m", "y_m", "x2_m", "y2_m", "probe_distance_mm")
-    samples = pd.DataFrame(
-        [
-            {"family": p.family, "snr_db": 50.0}
-            | {name: p.parameters.get(name, np.nan) for name in columns}
-            for p in phantoms
-        ]
-    )
+    truth, samples = designed(nominal, acuity)
     exact = result_of("acuity", "exact", 50.0, seen(truth.copy(), truth, samples, nominal), nominal)
     assert exact.figures["auc"] == 1
     assert exact.figures["smallest_pa"] == acuity.pressures[0]
@@ -140,16 +147,7 @@ def test_true_images_feel_all_at_their_places_and_blurred_ones_do_not_tell_two_a
 @pytest.mark.parametrize("family", ["no-touch", "touch"])
 def test_a_method_gains_nothing_by_frames_that_it_fails_on(family: str) -> None:
     nominal = sensor("foam16")
-    phantoms = Acuity().design(nominal)
-    truth = np.array([rasterise(phantom, nominal) for phantom in phantoms])
-    columns = ("place", "pressure_pa", "x_m", "y_m", "x2_m", "y2_m", "probe_distance_mm")
-    samples = pd.DataFrame(
-        [
-            {"family": p.family, "snr_db": 50.0}
-            | {name: p.parameters.get(name, np.nan) for name in columns}
-            for p in phantoms
-        ]
-    )
+    truth, samples = designed(nominal, Acuity())
     noise = np.random.default_rng(0).normal(scale=0.02, size=truth.shape)
     images = truth + np.where(nominal.mask, noise, 0)
     figures = []
@@ -190,9 +188,8 @@ def test_the_noise_figure_of_a_matrix_is_what_its_frames_say() -> None:
     images = np.full((201, *nominal.image_shape), nominal.background)
     images[:200, nominal.mask] += (noise[0] - noise[1]) @ matrix.T
     images[200:, nominal.mask] += change @ matrix.T
-    columns = ("place", "pressure_pa", "x_m", "y_m", "x2_m", "y2_m", "probe_distance_mm")
-    of = {name: phantom.parameters.get(name, np.nan) for name in columns}
-    none = {"family": "no-touch", "snr_db": level} | dict.fromkeys(columns, np.nan)
+    of = {name: phantom.parameters.get(name, np.nan) for name in COLUMNS}
+    none = {"family": "no-touch", "snr_db": level} | dict.fromkeys(COLUMNS, np.nan)
     samples = pd.DataFrame([none] * 200 + [{"family": "touch", "snr_db": level} | of])
     truths = np.full_like(images, nominal.background)
     truths[200:] = truth
