@@ -66,6 +66,9 @@ LEARNED_NO_SYMMETRY = "it learns from touches at random places, which it does no
 class LinearLearned(Method):
     """Ridge regression of images on voltages, over the training split; the baseline of learning.
 
+    The map is for frames with the faults and gains that the first reference frame shows. Those of
+    later sessions are estimated as if they had none, which errs more where electrodes died since.
+
     Attributes:
         gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
     """
@@ -134,7 +137,7 @@ class LinearTouch(Method):
     A map that minimises the error of images is decided by the strongest and largest touches, and
     a real sensor is touched far more weakly than it is simulated. Here frames are divided by their
     rms and images by the sum of their contrast, so that only *where* is learned. One factor, from
-    least squares over the same data, brings the strength back.
+    least squares over the same data, brings the strength back. For sessions see `LinearLearned`.
 
     Attributes:
         weight: of the ridge, relative to the mean variance of the inputs.
