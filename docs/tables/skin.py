@@ -29,7 +29,9 @@ def _skin_model() -> str:
     rows = []
     for (name, order), part in stored.groupby(["skin", "order"], sort=False):
         error = part.set_index("gain_power")["error_mm"]
-        shown = [f"{error[p]:.1f}" if p in error else "" for p in (0.0, 1.0)]
+        known = error.dropna()
+        # As a validation split chooses: with whichever power of the gains is better.
+        shown = [f"{known[0.0]:.1f}", f"{known.drop(0.0).min():.1f}"] if len(known) else ["", ""]
         least = part["least_misfit"].iloc[0]
         rows.append(
             [
