@@ -363,7 +363,8 @@ def test_the_page_needs_nothing_else(many: Path) -> None:
 
 @pytest.mark.slow
 def test_files_for_a_paper(many: Path, tmp_path: Path) -> None:
-    written = {str(path.relative_to(tmp_path)) for path in write_report([many], tmp_path)[0]}
+    out = tmp_path / "out"
+    written = {str(path.relative_to(out)) for path in write_report([many], out)[0]}
     frontier, grid = (
         f"figures/{kind}-bench-conductivity-set" for kind in ("frontier", "comparison")
     )
@@ -373,20 +374,20 @@ def test_files_for_a_paper(many: Path, tmp_path: Path) -> None:
         "tables/leaderboard.csv", "tables/leaderboard.md", "tables/leaderboard.tex",
     }  # fmt: skip
     for name in (frontier, grid):
-        pdf = (tmp_path / f"{name}.pdf").read_bytes()
+        pdf = (out / f"{name}.pdf").read_bytes()
         assert b"/FontFile2" in pdf  # embedded TrueType
         assert b"/Type3" not in pdf
         # 3.5 in, the width of IEEE's column.
         box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+)", pdf)
         assert box is not None
         assert float(box[1]) == pytest.approx(3.5 * 72)
-    table = pd.read_csv(tmp_path / "tables" / "leaderboard.csv")
+    table = pd.read_csv(out / "tables" / "leaderboard.csv")
     assert set(table["method"]) == {"good", "as-good", "poor", NASTY}
     assert "command" not in table
     again = tmp_path / "again"
     write_report([many], again)
     for name in (f"{frontier}.pdf", f"{frontier}.svg", "tables/leaderboard.tex"):
-        assert (again / name).read_bytes() == (tmp_path / name).read_bytes()
+        assert (again / name).read_bytes() == (out / name).read_bytes()
 
 
 @pytest.mark.slow
@@ -514,11 +515,12 @@ DOCUMENT = r"""\documentclass[twocolumn]{article}
     shutil.which("pdflatex") is None, reason="needs LaTeX: install the program `pdflatex`"
 )
 def test_the_tables_compile_and_fit_the_page(many: Path, full_run: Path, tmp_path: Path) -> None:
-    write_report([many, full_run], tmp_path)
-    (tmp_path / "paper.tex").write_text(DOCUMENT)
+    out = tmp_path / "out"
+    write_report([many, full_run], out)
+    (out / "paper.tex").write_text(DOCUMENT)
     for program in (["pdflatex", "-interaction=nonstopmode", "-halt-on-error"], ["bibtex"]):
         done = subprocess.run(
-            [*program, "paper"], cwd=tmp_path, capture_output=True, text=True, check=False
+            [*program, "paper"], cwd=out, capture_output=True, text=True, check=False
         )
         assert done.returncode == 0, done.stdout
         assert not re.search("Overfull|Warning--", done.stdout), done.stdout
