@@ -347,14 +347,13 @@ def _change(
     verdict: ChangeVerdict = TOO_FEW if few else "no difference found"
     # A median stays where it is while frames on one side of it change, however much they do; and
     # of few clusters, all may have the same difference by chance.
-    same = values is None or bool(np.nanmax(np.abs(values)) < EQUAL)
-    if abs(difference) < EQUAL and same and (values is not None if few else low == high):
+    apart = np.zeros(1) if values is None else np.abs(values)
+    same = abs(difference) < EQUAL and np.nanmax(apart) < EQUAL
+    if same and (by_sample if few else low == high):
         verdict = "equal"
     elif not few:
-        of_frames = (
-            np.abs(values).mean() if values is not None and spec.aggregate == "median" else 0
-        )
         noticed = NEGLIGIBLE * float(drawn[0].std()) * np.sqrt(clusters)
+        of_frames = float(np.nanmean(apart)) if spec.aggregate == "median" else 0.0
         if max(abs(low), abs(high), of_frames) <= noticed:
             verdict = "negligible"
     lost = -spec.sign * difference
