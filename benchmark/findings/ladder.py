@@ -209,7 +209,7 @@ def _curve(rungs: Sequence[SimulatedScenario]) -> list[SimulatedScenario]:
     groups: dict[str, list[SimulatedScenario]] = {}
     for rung in rungs:
         groups.setdefault(apart_from_severity(rung).model_dump_json(), []).append(rung)
-    largest = max(groups.values(), key=len)
+    largest = max(groups.values(), key=len, default=[])
     by_severity = {s.imperfections.severity: s for s in largest}
     if len(by_severity) < _LEAST_POINTS:
         return []

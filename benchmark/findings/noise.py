@@ -2,7 +2,8 @@
 
 Figures are PSNR of the mean squared error, which the ceiling is about. All are over the same
 phantoms: those that every method has at every level, and of them, where the ceiling is known, those
-that it is known for. A method that a suite gives the first samples alone decides it for all.
+that it is known for. A method with less than a tenth of the phantoms would decide for all, and has
+no curve.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from eitbench.scenarios.suites.scenario import SimulatedScenario
 
 LEVELS = 3
 """Fewer levels of noise are no curve."""
+LEAST_SHARE = 0.1
+"""Of the phantoms of a level: a method with fewer has no curve."""
 CEILING, UNTOUCHED = "ceiling", "untouched sensor"
 
 
@@ -73,6 +76,7 @@ def _curves(run: Run, scenarios: list[SimulatedScenario]) -> NoiseCurves:
     known = [recorded_frames(s.name, of)["mse"] for s, of in zip(scenarios, hashes, strict=True)]
     cells = run.samples[run.samples["scenario"].isin([s.name for s in scenarios])]
     cells = cells[cells["psnr"].notna()]
+    cells = _with_enough(cells)
     samples = set.intersection(
         *(set(of["sample"]) for _, of in cells.groupby(["scenario", "method"]))
     )
@@ -94,6 +98,13 @@ def _curves(run: Run, scenarios: list[SimulatedScenario]) -> NoiseCurves:
             rows.setdefault(UNTOUCHED, {})[level] = _untouched(scenario, kept)
     table = pd.DataFrame.from_dict(rows, orient="index").sort_index(axis=1)
     return NoiseCurves(table, len(kept))
+
+
+def _with_enough(cells: pd.DataFrame) -> pd.DataFrame:
+    """The rows of the methods that have `LEAST_SHARE` of the phantoms at every level."""
+    counts = cells.groupby(["scenario", "method"]).size().unstack("method", fill_value=0)
+    enough = (counts.T >= LEAST_SHARE * counts.max(axis=1)).all(axis=1)
+    return cells[cells["method"].isin(enough.index[enough])]
 
 
 def _untouched(scenario: SimulatedScenario, samples: list[int]) -> float:

@@ -38,7 +38,7 @@ class LatentFlowMethod(TrainedMethod):
     )
     files: ClassVar = WeightFiles("latent-flow")
     recipe: ClassVar = Recipe(epochs=60, batch=128)
-    options: ClassVar[tuple[str, ...]] = ("limit",)
+    options: ClassVar[tuple[str, ...]] = ("limit", "gain_power")
 
     @classmethod
     def train(cls, job: TrainingJob) -> TrainingResult:

@@ -25,8 +25,9 @@ that is drawn."""
 class FlowTask(TrainingTask):
     """Mean negative log density of the components of true images, over their number.
 
-    A batch for training holds differences (n, M) [V/A], rms of the frames (n,) [V/A] and relative
-    images (n, H, W), and is augmented; one for validation differences and images.
+    A batch for training holds differences (n, M) [V/A], rms of the frames (n,) [V/A], relative
+    images (n, H, W) and the numbers of the estimates (n,) that noise goes through, and is
+    augmented; one for validation differences and images.
     """
 
     network: LatentFlow
@@ -48,22 +49,24 @@ class FlowTask(TrainingTask):
 def train_latent_flow(job: TrainingJob) -> TrainingResult:
     """Train the flow; see `eitbench.methods.training.train`."""
     scenario, sensor, count = job.scenario, job.sensor, job.training_count()
-    job.check_nominal("draws the noise of the nominal sensor anew")
-    job.check(limit=count)
+    gain_power = job.request.gain_power
+    job.check(limit=count, gain_power=gain_power)
     with torch.random.fork_rng():
         torch.manual_seed(job.recipe.seed)
         network = LatentFlow(sensor.n_measurements, sensor.image_shape)
     problem = nominal_problem(scenario)
     clean, truth = job.noiseless(count), images(scenario, "train", count) / sensor.background
-    difference = torch.from_numpy(problem.differences(clean)).float()
+    difference = torch.from_numpy(problem.differences(clean, gain_power)).float()
+    units, matrices = problem.estimates(clean.references, gain_power)
+    estimates = torch.from_numpy(matrices) if len(matrices) > 1 else None
     frame_rms = torch.from_numpy(np.sqrt(np.mean(clean.voltages**2, axis=1))).float()
-    train = (difference, frame_rms, truth)
+    train = (difference, frame_rms, truth, torch.from_numpy(units))
     seen = load(scenario, "validation", jobs=job.request.jobs, progress=job.request.progress)
     seen_truth = images(scenario, "validation", scenario.validation) / sensor.background
-    validation = (torch.from_numpy(problem.differences(seen)).float(), seen_truth)
+    validation = (torch.from_numpy(problem.differences(seen, gain_power)).float(), seen_truth)
     moves = symmetries(sensor, torch.from_numpy(problem.jacobian))
     rms = float(np.sqrt(np.mean(problem.reference**2)))
-    augmentation = Augmentation(scenario.split_noise("train"), moves, rms)
+    augmentation = Augmentation(scenario.split_noise("train"), moves, rms, estimates)
     with torch.random.fork_rng():
         torch.manual_seed(job.recipe.seed)
         first = [augmentation(*(tensor[:SEEN_FIRST] for tensor in train)) for _ in moves]
@@ -72,5 +75,5 @@ def train_latent_flow(job: TrainingJob) -> TrainingResult:
     task = FlowTask(network, augmentation)
     return job.fit(
         task, train, validation, "a normal distribution of all images",
-        {"train_samples": str(count)},
+        {"gain_power": repr(gain_power), "train_samples": str(count)},
     )  # fmt: skip

@@ -8,6 +8,8 @@ prior. Then NOSER finds the validation presses with the Jacobian of the homogene
 skin, each without and with the gains that the reference frame leaves over that model. Places are
 registered by a similarity, in five parts: each is judged with the similarity of the other four. The
 weight of NOSER is the best of three for each row. A simulated skin shows that the fit works.
+
+Of recordings without labelled single presses the reference frame alone is fitted.
 """
 
 import sys
@@ -29,7 +31,13 @@ from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.similarity import fit_similarity
 
-SKINS = ("ohmc16", "superpose500", "ohmc8")
+PRESSED = ("ohmc16", "superpose500", "ohmc8")
+"""All recordings of single presses with a measured reference frame and electrodes at known places."""
+UNPRESSED = (
+    "hydrogel-damage", "hydrogel-repeats",
+    "sciospec-tank", "jku-tank-adjacent", "pyeidors-tank", "ktc2023",
+)  # fmt: skip
+"""One recording of each other sensor with a measured reference frame."""
 ORDERS = (0, 1, 2, 3)
 DEVIATIONS = {"conductivity": 0.5, "contact": 2.0}
 """Prior standard deviations of the logarithms: of each cosine's factor, of contact impedances."""
@@ -129,10 +137,13 @@ class Fit:
 def least_misfit(skin: Sensor, reference: Array) -> float:
     """The least misfit that any skin can have: of a linear one a reversed drive has one magnitude.
 
-    The nearest such frame is the mean of the values of both directions of a drive.
+    The nearest such frame is the mean of the values of both directions of a drive. NaN where drives
+    have one direction alone.
     """
     table = skin.pattern.table.tolist()
     row = {tuple(entry): k for k, entry in enumerate(table)}
+    if any((sink, src, a, b) not in row for src, sink, a, b in table):
+        return float("nan")
     turned = [row[sink, src, a, b] for src, sink, a, b in table]
     return float(np.linalg.norm(reference - reference[turned]) / 2 / np.linalg.norm(reference))
 
@@ -170,7 +181,7 @@ def press_error(rows: Array, changes: Array, places: Array, skin: Sensor, weight
 
 
 def errors(name: str) -> list[dict[str, object]]:
-    """The rows of one skin."""
+    """The rows of a skin with labelled presses."""
     recording = read_recording(name).without_test()
     skin = replace(sensor(name), image_shape=PIXELS)
     changes = recording.voltages - recording.reference
@@ -202,8 +213,28 @@ def errors(name: str) -> list[dict[str, object]]:
     return found
 
 
+def misfits(name: str) -> list[dict[str, object]]:
+    """The rows of a sensor of which the reference frame alone is fitted."""
+    reference = read_recording(name).reference
+    skin = replace(sensor(name), image_shape=PIXELS)
+    found = []
+    for order in ORDERS:
+        fit = Fit(skin, reference, order)
+        row: dict[str, object] = {
+            "skin": name, "order": order, "misfit": round(fit.misfit(fit.solve()), 4),
+            "least_misfit": round(least_misfit(skin, reference), 4),
+        }  # fmt: skip
+        found.append(row)
+        print(row, flush=True)
+    return found
+
+
 if __name__ == "__main__":
     table = pd.DataFrame(
-        [*simulated("ohmc16"), *(row for name in SKINS for row in errors(name))]
+        [
+            *simulated("ohmc16"),
+            *(row for name in PRESSED for row in errors(name)),
+            *(row for name in UNPRESSED for row in misfits(name)),
+        ]
     ).assign(version=__version__)
     table.to_csv(Path(sys.argv[1]), index=False, lineterminator="\n")

@@ -109,6 +109,8 @@ def test_without_a_curve_or_an_ideal_rung_there_is_less_and_of_one_rung_nothing(
     assert not ladder.areas
     assert not ladder.steps["all", "good"].loss
     assert read_ladder(made(("ideal",))) is None
+    whole = made()
+    assert read_ladder(replace(whole, samples=whole.samples.iloc[:0])) is None
 
 
 def test_rungs_of_the_curve_follow_each_other() -> None:

@@ -71,6 +71,20 @@ def test_all_figures_are_over_the_phantoms_of_the_ceiling(run: Run, records: Pat
     np.testing.assert_allclose(curves.psnr.loc[CEILING], [30, np.nan, np.nan])
 
 
+def test_a_method_on_few_phantoms_does_not_decide_for_the_others(run: Run) -> None:
+    def with_a_slow_one(samples: int) -> Run:
+        slow = run.samples[run.samples["sample"] < samples].assign(method="slow")
+        many = pd.concat([run.samples.assign(sample=run.samples["sample"] + 10 * k) for k in (0, 1)])
+        return replace(run, samples=pd.concat([many, slow]))
+
+    alone, beside = noise_curves(with_a_slow_one(1)), noise_curves(with_a_slow_one(2))
+    assert alone is not None
+    assert beside is not None
+    assert (alone.n, beside.n) == (2 * SAMPLES, 2)
+    assert "slow" not in alone.psnr.index
+    assert "slow" in beside.psnr.index
+
+
 def test_the_finding_has_a_row_for_each_line(run: Run) -> None:
     (finding,) = findings(run)
     assert [row[0] for row in finding.grid[1:]] == ["noser", UNTOUCHED]
