@@ -25,9 +25,8 @@ def _gains() -> str:
 
 def _skin_model() -> str:
     """Return misfit and error of presses of models of a skin, by order of the map."""
-    stored = pd.read_csv(STUDIES / "skin-model" / "errors.csv")
     rows = []
-    for (name, order), part in stored.groupby(["skin", "order"], sort=False):
+    for (name, order), part in _with_presses()[True].groupby(["skin", "order"], sort=False):
         error = part.set_index("gain_power")["error_mm"]
         known = error.dropna()
         # As a validation split chooses: with whichever power of the gains is better.
@@ -46,7 +45,27 @@ def _skin_model() -> str:
     return printed(heads, rows, [False, False, True, True, True, True])
 
 
+def _with_presses() -> dict[bool, pd.DataFrame]:
+    """The study of models by whether a skin has presses; a simulated skin is beside its real one."""
+    stored = pd.read_csv(STUDIES / "skin-model" / "errors.csv")
+    pressed = set(stored.loc[stored["error_mm"].notna(), "skin"])
+    kept = stored["skin"].str.removesuffix(", simulated").isin(pressed)
+    return {True: stored[kept], False: stored[~kept]}
+
+
+def _reference_misfit() -> str:
+    """Return the misfit of reference frames without presses, by order of the map."""
+    rows = []
+    for name, part in _with_presses()[False].groupby("skin", sort=False):
+        least = part["least_misfit"].iloc[0]
+        misfits = [f"{misfit:.3f}" for misfit in part.sort_values("order")["misfit"]]
+        rows.append([str(name), *misfits, "" if pd.isna(least) else f"{least:.3f}"])
+    heads = ["recording", "homogeneous", *(f"order {k}" for k in (1, 2, 3)), "least of any skin"]
+    return printed(heads, rows, [False, *[True] * 5])
+
+
 TABLES = {
     "gains": _gains,
     "skin model": _skin_model,
+    "reference misfit": _reference_misfit,
 }

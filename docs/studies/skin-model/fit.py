@@ -34,7 +34,7 @@ from eitbench.scenarios.similarity import fit_similarity
 PRESSED = ("ohmc16", "superpose500", "ohmc8")
 """All recordings of single presses with a measured reference frame and electrodes at known places."""
 UNPRESSED = (
-    "hydrogel-damage", "hydrogel-repeats",
+    "hydrogel-damage", "hydrogel-fixed",
     "sciospec-tank", "jku-tank-adjacent", "pyeidors-tank", "ktc2023",
 )  # fmt: skip
 """One recording of each other sensor with a measured reference frame."""

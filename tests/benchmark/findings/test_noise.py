@@ -74,7 +74,9 @@ def test_all_figures_are_over_the_phantoms_of_the_ceiling(run: Run, records: Pat
 def test_a_method_on_few_phantoms_does_not_decide_for_the_others(run: Run) -> None:
     def with_a_slow_one(samples: int) -> Run:
         slow = run.samples[run.samples["sample"] < samples].assign(method="slow")
-        many = pd.concat([run.samples.assign(sample=run.samples["sample"] + 10 * k) for k in (0, 1)])
+        many = pd.concat(
+            [run.samples.assign(sample=run.samples["sample"] + 10 * k) for k in (0, 1)]
+        )
         return replace(run, samples=pd.concat([many, slow]))
 
     alone, beside = noise_curves(with_a_slow_one(1)), noise_curves(with_a_slow_one(2))
