@@ -103,7 +103,7 @@ def _curves(run: Run, scenarios: list[SimulatedScenario]) -> NoiseCurves:
 def _with_enough(cells: pd.DataFrame) -> pd.DataFrame:
     """The rows of the methods that have `LEAST_SHARE` of the phantoms at every level."""
     counts = cells.groupby(["scenario", "method"]).size().unstack("method", fill_value=0)
-    enough = (counts.T >= LEAST_SHARE * counts.max(axis=1)).all(axis=1)
+    enough = (counts.T / counts.max(axis=1) >= LEAST_SHARE).all(axis=1)
     return cells[cells["method"].isin(enough.index[enough])]
 
 

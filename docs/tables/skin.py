@@ -46,7 +46,7 @@ def _skin_model() -> str:
 
 
 def _with_presses() -> dict[bool, pd.DataFrame]:
-    """The study of models by whether a skin has presses; a simulated skin is beside its real one."""
+    """The study of models by whether a skin has presses, beside simulated ones of the same."""
     stored = pd.read_csv(STUDIES / "skin-model" / "errors.csv")
     pressed = set(stored.loc[stored["error_mm"].notna(), "skin"])
     kept = stored["skin"].str.removesuffix(", simulated").isin(pressed)

@@ -32,7 +32,7 @@ from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.similarity import fit_similarity
 
 PRESSED = ("ohmc16", "superpose500", "ohmc8")
-"""All recordings of single presses with a measured reference frame and electrodes at known places."""
+"""All recordings of single presses with a measured reference frame and known electrodes."""
 UNPRESSED = (
     "hydrogel-damage", "hydrogel-fixed",
     "sciospec-tank", "jku-tank-adjacent", "pyeidors-tank", "ktc2023",
