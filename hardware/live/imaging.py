@@ -37,21 +37,15 @@ NO_DATA = (
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """The reference frame of a board, and its units.
+    """The reference frame of a board, and its noise.
 
     Attributes:
         values: (M,) the mean frame in the board's units.
-        gain: board's units per V/A.
         noise: rms over the values of the standard deviation of one frame [board's units].
     """
 
     values: Array
-    gain: float
     noise: float
-
-    def difference(self, values: Array) -> Array:
-        """A frame (M,) minus the reference frame, in model units: (M,) [V/A]."""
-        return np.asarray((values - self.values) / self.gain)
 
     def deviation(self, values: Array) -> float:
         """Distance of a frame (M,) from the reference frame, in standard deviations of noise."""
@@ -68,9 +62,10 @@ def reference_of(sensor: Sensor, frames: Sequence[Array]) -> Reference:
     stack = np.array(frames)
     if (wrong := impossible(stack)).size:
         raise InputError(f"A reference frame holds {peak(stack[wrong[0]])}: take it again.")
-    problem = Problem(sensor, stack.mean(axis=0), no_data)
+    mean = stack.mean(axis=0)
+    Problem(sensor, mean, no_data).difference(mean[None])  # as methods will take it
     noise = float(np.sqrt(np.mean(stack.var(axis=0, ddof=1))))
-    return Reference(problem.reference, problem.gain, noise)
+    return Reference(mean, noise)
 
 
 def no_data(split: str, limit: int | None) -> Dataset:
@@ -84,8 +79,10 @@ def no_data(split: str, limit: int | None) -> Dataset:
 TOUCHED_NOISE = 2.0
 TOUCHED_CONTRAST = 0.03
 MOST_CONTACTS = 10
-# When they are fitted, they learn from simulated touches, which the live view does not have.
-NEED_TRAINING_DATA = frozenset({"linear-learned", "linear-touch"})
+NEED_TRAINING_DATA = frozenset(
+    {"linear-learned", "linear-touch", "dnn-conformal", "greit-conformal"}
+)
+"""When they are fitted, they learn from simulated touches, which the live view does not have."""
 _WAIT_S = 0.2
 
 
@@ -125,9 +122,8 @@ def _unusable(name: str, sensor: Sensor) -> str:
 class ImageMaker:
     """Makes a live image from a frame, in the thread that asks for it.
 
-    A method sees frames as the model would have measured them: the model's reference frame plus the
-    difference to the reference in model units. It is the same difference to the reference, so that
-    a new reference needs no new fit.
+    A method is fitted with the model's frame of the untouched sensor for a reference, and told that
+    of the board with each frame, as the interface of methods allows: a new one needs no new fit.
 
     Attributes:
         sensor: the nominal sensor.
@@ -141,9 +137,7 @@ class ImageMaker:
         self.sensor = sensor
         self._parameters = parameters
         self.reference: Reference | None = None
-        self._model = forward_model(sensor)
-        self._untouched = self._model.voltages(self._model.background)
-        self._fitted: tuple[str, Method] | None = None
+        self._fitted: tuple[str, Method, Problem] | None = None
         self._told = ""
 
     @property
@@ -169,26 +163,31 @@ class ImageMaker:
         Raises:
             InputError: it raised an error.
         """
+        model = forward_model(self.sensor)
+        problem = Problem(self.sensor, model.voltages(model.background), no_data)
         try:
             method = create(name, **self._parameters.get(name, {}))
-            method.fit(Problem(self.sensor, self._untouched, no_data))
+            method.fit(problem)
         except Exception as error:  # a method may be anybody's
             raise InputError(f"{name} cannot be used: {sentence_of(error)}") from error
         use_one_thread()  # what was loaded only now, too
-        self._fitted = (name, method)
+        self._fitted = (name, method, problem)
 
     def live_image(self, frame: Frame) -> LiveImage:
         """Make the image of `frame` and find its contacts; what fails is said in it."""
         began = time.perf_counter()
-        (name, method), reference = self._fitted or ("", None), self.reference
+        fitted, reference = self._fitted, self.reference
+        name = fitted[0] if fitted else ""
         image: Array | None = None
         found: tuple[Contact, ...] = ()
         failed = ""
         if impossible(frame.values[None]).size:
             failed = f"The frame holds {peak(frame.values)}."
-        elif method is not None and reference is not None:
+        elif fitted is not None and reference is not None:
+            _, method, problem = fitted
             try:
-                image = self._image(method, reference, frame)
+                problem.reference = reference.values
+                image = self._image(method, frame)
                 found = self._contacts(image, reference, frame)
             except Exception as error:  # costs the image of this frame only
                 failed = f"{name} failed on this frame: {sentence_of(error)}"
@@ -205,9 +204,8 @@ class ImageMaker:
             image_ms=1e3 * (time.perf_counter() - began),
         )
 
-    def _image(self, method: Method, reference: Reference, frame: Frame) -> Array:
-        voltages = self._untouched + reference.difference(frame.values)
-        image = np.asarray(method.reconstruct(voltages[None]))
+    def _image(self, method: Method, frame: Frame) -> Array:
+        image = np.asarray(method.reconstruct(frame.values[None]))
         if image.shape != (1, *self.sensor.image_shape):
             raise InputError(f"it returned an image of shape {image.shape}.")
         if not np.isfinite(image[0, self.sensor.mask]).all():

@@ -1,6 +1,7 @@
 """The threads of a live view, without a server: frames, references, methods, recordings, losses."""
 
 import threading
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -8,9 +9,15 @@ import pytest
 from tests.support.waiting import wait_for
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from eitbench.hardware.board import BoardError, BoardLostError
+from eitbench.hardware.board import BoardError, BoardLostError, Frame
 from eitbench.hardware.live import session
-from eitbench.hardware.live.imaging import NEED_TRAINING_DATA, NO_DATA, no_data
+from eitbench.hardware.live.imaging import (
+    NEED_TRAINING_DATA,
+    NO_DATA,
+    ImageMaker,
+    no_data,
+    reference_of,
+)
 from eitbench.methods import Method, Problem, create, register
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
@@ -92,6 +99,29 @@ def test_images_do_not_depend_on_the_units_of_the_board(
     board.press(*PLACE, 0.008, 20e3)
     wait_for(lambda: watched.newest.contacts)
     assert 0.4 < watched.newest.image.min() < 0.8
+
+
+def test_images_of_an_uneven_board_with_a_dead_electrode_are_those_of_a_run() -> None:
+    sensor = replace(foam16(), image_shape=(20, 20))
+    model = forward_model(sensor)
+    touched = np.full(sensor.image_shape, model.background)
+    touched[4:8, 4:8] *= 0.5
+    gains = np.exp(0.3 * np.random.default_rng(0).standard_normal(sensor.n_measurements))
+    gains *= 7.0 * ~(sensor.pattern.table == 5).any(axis=1)
+    reference, frame = gains * model.voltages(model.background), gains * model.voltages(touched)
+
+    parameters = {"gain_power": 1.0}
+    in_a_run = create("noser", **parameters)
+    in_a_run.fit(Problem(sensor, reference, no_data))
+    maker = ImageMaker(sensor, {"noser": parameters})
+    maker.fit("noser")
+    maker.reference = reference_of(sensor, [reference, reference])
+    live = maker.live_image(Frame(0, 0.0, 0.0, frame)).image
+    assert live is not None
+    np.testing.assert_allclose(live, in_a_run.reconstruct(frame[None])[0], rtol=1e-12)
+    even = create("noser")
+    even.fit(Problem(sensor, reference, no_data))
+    assert np.abs(live - even.reconstruct(frame[None])[0]).max() > 0.01
 
 
 def test_a_new_reference_hides_what_lies_on_the_sensor(running: Any, board: Any) -> None:
