@@ -30,7 +30,7 @@ slow: $(STAMPS)/test  ## the tests of seconds to a minute, half an hour in all; 
 nightly: $(STAMPS)/test  ## the tests that take minutes to hours
 	$(BIN)/pytest -m nightly --timeout 3600
 
-bench: $(STAMPS)/bench  ## speed, measured beside rivals in one run (docs/speed.md)
+bench: $(STAMPS)/test  ## speed, measured beside rivals in one run (docs/speed.md)
 	@mkdir -p .benchmarks
 	$(BIN)/pytest tests/speed -o addopts="--import-mode=importlib" --benchmark-columns=median,iqr,rounds --benchmark-sort=name --benchmark-json=.benchmarks/last.json
 	$(BIN)/python tests/speed/ratios.py .benchmarks/last.json
@@ -81,10 +81,6 @@ $(STAMPS)/test: $(STAMPS)/demo
 
 $(STAMPS)/mutants: $(STAMPS)/test
 	$(BIN)/pip install --quiet -c constraints.txt -e '.[mutation]'
-	@touch $@
-
-$(STAMPS)/bench: $(STAMPS)/test
-	$(BIN)/pip install --quiet -c constraints.txt -e '.[bench]'
 	@touch $@
 
 $(STAMPS)/docs: $(STAMPS)/demo

@@ -89,6 +89,20 @@ def fit_similarity(source: ArrayLike, target: ArrayLike) -> Similarity | None:
     return fitted
 
 
+def registered_in_parts(found: ArrayLike, places: ArrayLike, parts: int = 5) -> Array:
+    """Return distances (n,) [m] of points `found` (n, 2) [m] from their `places` (n, 2) [m].
+
+    Every n-th point belongs to the same of n `parts`, and is mapped by the similarity that fits
+    the others. NaN where nothing was found or nothing fits.
+    """
+    x, y = np.asarray(found, float), np.asarray(places, float)
+    part, distance = np.arange(len(y)) % parts, np.full(len(y), np.nan)
+    for k in range(parts):
+        if register := fit_similarity(x[part != k], y[part != k]):
+            distance[part == k] = np.hypot(*(register(x[part == k]) - y[part == k]).T)
+    return distance
+
+
 def _weighted_similarity(x: Array, y: Array, weights: Array) -> Similarity | None:
     w = (weights / weights.sum())[:, None]
     x_mean, y_mean = (w * x).sum(axis=0), (w * y).sum(axis=0)

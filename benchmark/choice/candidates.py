@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from eitbench.benchmark.metrics.statistics import MIN_CLUSTERS
 from eitbench.benchmark.run.method_cell import MethodData
+from eitbench.benchmark.tuning.selection import FRAMES
 from eitbench.methods.registry import methods
 from eitbench.scenarios.errors import (
     DataCorruptError,
@@ -54,8 +55,6 @@ DRIFTED = {"ohmc16": "ohmc16-start", "superpose500": "superpose500-start"}
 """Recorded sets with the same presses on a reference frame that is taken once."""
 SIMULATED = 60
 """Simulated touches of each scenario: 20 sessions of 3, each on a unit of its own."""
-TUNED_ON = 36
-"""Simulated touches that parameters are chosen on: as many as `benchmark.tuning` looks at."""
 MOST_PRESSES = 400
 SNR_DB = 60.0
 REFERENCE_AGE_S = 8 * 3600.0
@@ -115,7 +114,7 @@ def scenarios_of(name: str, download_limit_s: float) -> tuple[Suite, str]:
         families=("soft-press",),
         noise=SplitNoise(validation=SNR_DB, test=SNR_DB),
         train=0,
-        validation=TUNED_ON,
+        validation=FRAMES,
         test=SIMULATED,
         phantoms="choose",
         imperfections=TYPICAL,

@@ -24,6 +24,7 @@ from eitbench.benchmark.analysis.results import read_json, read_table
 from eitbench.benchmark.metrics.evaluation import evaluate
 from eitbench.benchmark.rundir.lock import FILE_NAME as LOCK
 from eitbench.benchmark.rundir.lock import locked
+from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.methods import Problem, create
 from eitbench.methods.learned.image_networks import TrainedMethod
 from eitbench.methods.method import reconstructed
@@ -50,7 +51,6 @@ if TYPE_CHECKING:
 
 Variant = Mapping[str, Any]
 
-SAMPLES = "samples.parquet"
 METRICS = ("ssim", "cc", "rie", "psnr", "score")
 
 BETAS = tuple(float(f"{beta:.3g}") for beta in np.geomspace(1e-4, 0.5, 52))

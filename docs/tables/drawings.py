@@ -16,6 +16,7 @@ from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.findings.drift import over_time
 from eitbench.benchmark.findings.novelty import read_novelty
 from eitbench.benchmark.findings.transfer import over_skins
+from eitbench.benchmark.studies.superposition import FIT
 from eitbench.reports.figures.cases import published_cases
 from eitbench.reports.figures.error_maps import error_maps_figure
 from eitbench.reports.figures.image_grid import comparison
@@ -29,8 +30,6 @@ from eitbench.reports.findings.touches import panels
 from eitbench.reports.findings.transfer import draw as draw_transfer
 from eitbench.reports.findings.uncertainty import draw as draw_uncertainty
 from eitbench.reports.page.error_maps import error_maps
-
-_FIT = "fit of two presses"
 
 
 def _new_skin() -> Figure:
@@ -62,8 +61,8 @@ def _two_touch() -> Figure:
         ("superposed-pairs", "hydrogel disc", (43, 0.8), (40, 0.28), (88, 0.1)),
         ("superposed-pairs-cam09-05", "two-layer skin 05", (34, 0.76), (79, 0.9), (63, 0.4)),
     )
-    frames = shares[shares["method"] == _FIT]
-    images = shares[(shares["method"] != _FIT) & shares["apart"].notna()]
+    frames = shares[shares["method"] == FIT]
+    images = shares[(shares["method"] != FIT) & shares["apart"].notna()]
     for axes, (scenario, title, *places) in zip(figure.subplots(2, 1), skins, strict=True):
         of_images = images[images["scenario"] == scenario].pivot(
             index="distance_mm", columns="method", values="apart"
@@ -72,7 +71,7 @@ def _two_touch() -> Figure:
         least, most = of_images.min(axis=1), of_images.max(axis=1)
         axes.fill_between(of_images.index, least, most, color="0.85", lw=0)
         drawn = (
-            (_FIT, COLOURS[0], "fit of\ntwo presses"),
+            (FIT, COLOURS[0], "fit of\ntwo presses"),
             (best, COLOURS[1], f"best image:\n{best}"),
         )
         for (method, colour, label), place in zip(drawn, places[:2], strict=True):

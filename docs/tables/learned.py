@@ -48,7 +48,7 @@ def _clean() -> str:
     """Return the figures of clean frames, and what they gain over `dnn` on the same samples.
 
     Below those of methods that have all samples stand the methods that have the first ones alone,
-    each with the best of the others and `dnn` on the same samples.
+    those of as many with the best of the others and `dnn` on the same samples.
     """
     run = record("paper")
     samples, shown = run.samples, _training_samples(run.cells)
@@ -58,12 +58,13 @@ def _clean() -> str:
     names = sorted(of, key=lambda name: -psnr[name].mean())
     whole = [name for name in names if len(of[name]) == n]
     rows = [_clean_row(name, shown, of[name], psnr["dnn"]) for name in whole]
-    for name in names:
-        if len(first := of[name]) < n:
-            rows += [
-                _clean_row(other, shown, of[other].loc[first.index], psnr["dnn"].loc[first.index])
-                for other in (name, whole[0], "dnn")
-            ]
+    for count in sorted({len(samples) for samples in of.values()} - {n}, reverse=True):
+        few = [name for name in names if len(of[name]) == count]
+        first = of[few[0]].index
+        rows += [
+            _clean_row(name, shown, of[name].loc[first], psnr["dnn"].loc[first])
+            for name in (*few, whole[0], "dnn")
+        ]
     for name in ("phydnn", "dnn"):
         figures = _clean_figures(TABLE_II[name])
         rows.append([f"published {LABELS[name]}", "24,000", "", *figures, "", "", ""])
@@ -147,6 +148,8 @@ def _of_mean_errors() -> str:
 
 def _families() -> str:
     samples = record("shapes").samples
+    counts = samples.groupby("method")["sample"].transform("size")
+    samples = samples[counts == counts.max()]
     psnr = samples.pivot_table(index="method", columns="family", values="psnr")
     psnr = psnr.loc[psnr.mean(axis=1).sort_values(ascending=False).index]
     (n,) = samples.groupby(["method", "family"]).size().unique()

@@ -64,8 +64,27 @@ def _reference_misfit() -> str:
     return printed(heads, rows, [False, *[True] * 5])
 
 
+def _real_skin_training() -> str:
+    """Return the error of validation presses by what networks learned from."""
+    stored = pd.read_csv(STUDIES / "real-skin-training" / "errors.csv", keep_default_na=False)
+    learned = stored[stored["learned_from"] != ""]
+    errors = learned.pivot(index="method", columns="learned_from", values="median_mm")
+    skins = list(dict.fromkeys(learned["learned_from"]))
+    rows = [
+        [f"`{method}`", *(f"{errors.loc[method, skin]:.1f}" for skin in skins)]
+        for method in dict.fromkeys(learned["method"])
+    ]
+    others = stored[stored["learned_from"] == ""]
+    rows += [
+        [f"`{row.method}`, learns nothing", f"{row.median_mm:.1f}", "", ""]
+        for row in others.itertuples()
+    ]
+    return printed(["median error [mm]", *skins], rows, [False, True, True, True])
+
+
 TABLES = {
     "gains": _gains,
     "skin model": _skin_model,
     "reference misfit": _reference_misfit,
+    "real-skin training": _real_skin_training,
 }

@@ -20,7 +20,6 @@ from eitbench.scenarios.recordings.public.kuopio import LEVELS, tank
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from eitbench.methods.learned.tank_unet import TankUNet
     from eitbench.methods.training.job import TrainingJob, TrainingResult
     from eitbench.scenarios.arrays import Array
     from eitbench.scenarios.sensors.patterns import DrivePattern
@@ -99,7 +98,7 @@ class TankTask(TrainingTask):
         return error.square().mean()
 
 
-def train_tank_unet(method: type[TankUNet], job: TrainingJob) -> TrainingResult:
+def train_tank_unet(job: TrainingJob) -> TrainingResult:
     """Train the network; see `eitbench.methods.training.train`."""
     scenario, sensor, count = job.scenario, job.sensor, job.training_count()
     job.check(limit=count)

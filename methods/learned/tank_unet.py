@@ -149,7 +149,7 @@ class TankUNet(TrainedMethod):
         """See `Trainable`."""
         from eitbench.methods.learned.tank_training import train_tank_unet
 
-        return train_tank_unet(cls, job)
+        return train_tank_unet(job)
 
     def prepare(
         self, problem: Problem, tensors: Mapping[str, Tensor], metadata: Mapping[str, str]

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_TITLES = {"ssim": "SSIM", "cc": "CC", "rie": "RIE", "psnr": "PSNR [dB]", "score": "S"}
-
 
 def write_study(folder: Path) -> list[Path]:
     """Write `summary.json`, `summary.md`, `study.png` and `study.pdf` of the study in `folder`.

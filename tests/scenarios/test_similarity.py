@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitbench.scenarios.similarity import fit_similarity
+from eitbench.scenarios.similarity import fit_similarity, registered_in_parts
 
 
 @given(
@@ -44,6 +44,20 @@ def test_points_that_determine_no_similarity_give_none() -> None:
     for angle in np.linspace(0.1, 3, 30):  # of most, rounding leaves a little beside the line
         turned = np.linspace(0, 1, 5)[:, None] * [np.cos(angle), np.sin(angle)] + 0.3
         assert fit_similarity(turned, target) is None
+
+
+def test_each_part_is_judged_by_the_similarity_of_the_others() -> None:
+    found = np.random.default_rng(0).uniform(0, 0.1, (20, 2))
+    places = 2 * found @ np.array([[0, 1], [-1, 0]]) + 0.3
+    np.testing.assert_allclose(registered_in_parts(found, places), 0, atol=1e-9)
+    wrong = places.copy()
+    wrong[[0, 5, 10, 15]] += [0.03, 0.04]  # all of one part, which alone would fit itself
+    distances = registered_in_parts(found, wrong, 5)
+    np.testing.assert_allclose(distances[::5], 0.05, rtol=1e-6)
+    lost = places.copy()
+    lost[3] = np.nan
+    assert np.isnan(registered_in_parts(found, lost)).sum() == 1
+    assert np.isnan(registered_in_parts(found[:3], places[:3])).all()
 
 
 def test_three_points_are_enough() -> None:

@@ -29,7 +29,7 @@ from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.similarity import fit_similarity
+from eitbench.scenarios.similarity import registered_in_parts
 
 PRESSED = ("ohmc16", "superpose500", "ohmc8")
 """All recordings of single presses with a measured reference frame and known electrodes."""
@@ -172,12 +172,7 @@ def press_error(rows: Array, changes: Array, places: Array, skin: Sensor, weight
     matrix = regularised_inverse(rows, covariance[:, None] * rows.T, weight)
     images = np.zeros((len(changes), *skin.image_shape))
     images[:, skin.mask] = np.minimum(changes @ matrix.T, 0)
-    found, part = locate(images, skin), np.arange(len(places)) % 5
-    error = np.full(len(places), np.nan)
-    for k in range(5):
-        if register := fit_similarity(found[part != k], places[part != k]):
-            error[part == k] = np.hypot(*(register(found[part == k]) - places[part == k]).T)
-    return float(1e3 * np.nanmedian(error))
+    return float(1e3 * np.nanmedian(registered_in_parts(locate(images, skin), places)))
 
 
 def errors(name: str) -> list[dict[str, object]]:

@@ -177,7 +177,7 @@ def test_a_method_that_made_no_image_is_never_the_best() -> None:
 def tiny(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The path of a tiny sensor, which is touched twelve times."""
     monkeypatch.setattr(candidates_module, "SIMULATED", 12)
-    monkeypatch.setattr(candidates_module, "TUNED_ON", 3)
+    monkeypatch.setattr(candidates_module, "FRAMES", 3)
     path = tmp_path / "tiny.toml"
     path.write_text(TINY)
     return str(path)

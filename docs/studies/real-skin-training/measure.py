@@ -1,0 +1,90 @@
+"""Do networks find presses on a real skin better if they learned from skins with imperfections?
+
+    python docs/studies/real-skin-training/measure.py WORK errors.csv
+
+Networks for `ohmc16` learn from simulated presses on the nominal skin, on skins with other
+electrodes, contacts and gains (suite `imperfect-presses`), or on such as drift too, on boards with
+faults and old reference frames (`all-imperfections.toml`). Each then finds the validation presses
+of the real skin, with the gains of measurements taken out; so do the packaged networks. Places are
+registered by a similarity, in five parts: each is judged with the similarity of the other four. No
+test press is read. WORK keeps the trainings; a stopped one goes on.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from eitbench import __version__
+from eitbench.methods.problem import Problem, no_split
+from eitbench.methods.registry import create
+from eitbench.methods.training import TrainingRequest, train
+from eitbench.scenarios import sensor
+from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.phantoms.contacts import locate
+from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.similarity import registered_in_parts
+
+SKIN = "ohmc16"
+LEARNED_FROM = {
+    "nominal": ("presses", 0.0),
+    "uneven": ("imperfect-presses", 1.0),
+    "all imperfections": (str(Path(__file__).with_name("all-imperfections.toml")), 1.0),
+}
+"""The suite, and the power of the gains that are taken out of training frames."""
+TRAININGS = {
+    "dnn": {"epochs": 30, "operator": "jacobian"},
+    "coarse-to-fine": {"epochs": 12, "loss": "log-mse"},
+    "latent-flow": {"epochs": 20},
+}
+CLASSICAL = {
+    "greit": {"weight": 0.01, "variable": "clausius-mossotti", "blur": 0.08},
+    "noser": {"weight": 3.0},
+}
+"""For comparison, with the parameters that are selected for the suite `presses`."""
+
+
+def errors(name: str, **parameters: object) -> Array:
+    """Errors (n,) [mm] of the validation presses; NaN where nothing is found."""
+    presses, skin = read_recording(SKIN).without_test(), sensor(SKIN)
+    method = create(name, gain_power=1.0, **parameters)
+    method.fit(Problem(skin, presses.reference, no_split))
+    found = locate(np.minimum(method.reconstruct(presses.voltages) - skin.background, 0), skin)
+    return 1e3 * registered_in_parts(found, presses.samples[["x_m", "y_m"]].to_numpy())
+
+
+def row(method: str, learned_from: str, error: Array, **more: object) -> dict[str, object]:
+    """A row of the table."""
+    made = {
+        "method": method, "learned_from": learned_from, **more, "n": len(error),
+        "median_mm": round(float(np.nanmedian(error)), 2),
+        "p90_mm": round(float(np.nanpercentile(error, 90)), 2),
+    }  # fmt: skip
+    print(made, flush=True)
+    return made
+
+
+if __name__ == "__main__":
+    work, rows = Path(sys.argv[1]), []
+    for name, parameters in CLASSICAL.items():
+        rows.append(row(name, "", errors(name, **parameters)))
+    for name, how in TRAININGS.items():
+        rows.append(row(name, "as packaged", errors(name)))
+        for learned_from, (suite, gain_power) in LEARNED_FROM.items():
+            out = work / f"{name}-{learned_from.replace(' ', '-')}"
+            request = TrainingRequest(
+                name, suite, gain_power=gain_power, out=out, install="never", **how
+            )
+            trained = train(request)
+            curve = json.loads((trained.weights.with_suffix(".json")).read_text())
+            rows.append(
+                row(
+                    name, learned_from, errors(name, weights=str(trained.weights)),
+                    epochs=int(curve["epochs"]), train_s=round(float(curve["train_s"])),
+                )
+            )  # fmt: skip
+    pd.DataFrame(rows).assign(version=__version__).to_csv(
+        Path(sys.argv[2]), index=False, lineterminator="\n"
+    )
