@@ -250,7 +250,8 @@ def signed_rank(differences: Array, clusters: ArrayLike) -> float:
 def signed_rank_of(difference: float, differences: Array, clusters: ArrayLike) -> float:
     """Two-sided p-value of `signed_rank`, in the direction of the `difference` of two medians.
 
-    A difference of medians and most ranks may differ in sign: such a pair shows no difference.
+    `differences` (n,) are paired, and belong to `clusters` (n,). A difference of medians and most
+    ranks may differ in sign: such a pair shows no difference.
     """
     return min(1.0, 2 * signed_rank(np.sign(difference) * differences, clusters))
 

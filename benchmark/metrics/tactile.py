@@ -60,7 +60,7 @@ def distances(true: Array, found: Array) -> Array:
 
 
 def matched(true: Array, found: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows of `true` and `found` places that belong together, as in `distances`."""
+    """Rows (k,) of `true` (n, 2) and `found` (m, 2) places that belong together, k = min(n, m)."""
     rows, columns = linear_sum_assignment(cdist(true, found))
     return rows, columns
 

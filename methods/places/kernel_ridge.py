@@ -53,12 +53,12 @@ class KernelRidge:
 
 
 def linear(a: Array, b: Array) -> Array:
-    """The kernel of linear functions with a constant."""
+    """The kernel (n, m) of linear functions with a constant, of inputs (n, d) and (m, d)."""
     return np.asarray(a @ b.T / a.shape[1] + 1.0)
 
 
 def gaussian(width: float, a: Array, b: Array) -> Array:
-    """The Gaussian kernel of the given `width`."""
+    """The Gaussian kernel (n, m) of the given `width`, of inputs (n, d) and (m, d)."""
     return np.asarray(np.exp(cdist(a, b, "sqeuclidean") / (-2 * width**2)))
 
 

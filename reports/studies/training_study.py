@@ -12,7 +12,8 @@ import pandas as pd
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.results import read_json, read_table
 from eitbench.benchmark.metrics.statistics import bootstrap, seed_means
-from eitbench.benchmark.studies.training_study import METRICS, SAMPLES
+from eitbench.benchmark.rundir.store import SAMPLES
+from eitbench.benchmark.studies.training_study import METRICS
 from eitbench.reports.figures.style import NOTE, label_axes, new_figure, save
 from eitbench.reports.studies.summaries import StudyRow, StudySummary
 from eitbench.reports.tables.formats import markdown_table

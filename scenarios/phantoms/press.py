@@ -63,18 +63,18 @@ class FoamLayer:
         return self.thickness / float(np.sqrt(6))
 
     def strain(self, pressure: ArrayLike) -> Array:
-        """Strain under an indenter that presses with `pressure` [Pa]."""
+        """Strain (...) under an indenter that presses with `pressure` (...) [Pa]."""
         p = np.asarray(pressure, dtype=np.float64)
         return p / (self.modulus + p / self.densification)
 
     def conductivity_ratio(self, strain: ArrayLike) -> Array:
-        """2-D conductivity at `strain` as a fraction of the untouched layer's."""
+        """2-D conductivity (...) at `strain` (...) as a fraction of the untouched layer's."""
         left = 1 - np.asarray(strain, dtype=np.float64)
         porosity = 1 - (1 - self.porosity) / left
         return np.asarray(left * (porosity / self.porosity) ** self.exponent)
 
     def pressed(self, pressure: ArrayLike, distance: ArrayLike) -> Array:
-        """Conductivity ratio at `distance` [m] from an indenter under `pressure` [Pa]."""
+        """Conductivity ratio (...) at a `distance` [m] from an indenter under `pressure` [Pa]."""
         decay = np.exp(-np.asarray(distance, dtype=np.float64) / self.falloff)
         return self.conductivity_ratio(self.strain(pressure) * decay)
 

@@ -107,6 +107,9 @@ class ForwardModel:
         """Voltages (M,) and Jacobian (M, H, W) at one image (H, W), from one elimination.
 
         Of the Jacobian only the given `rows` are worked out and returned; all by default.
+
+        Raises:
+            InputError: `sigma` is not one image of the sensor, or not positive and finite inside.
         """
         if np.ndim(sigma) != 2:
             raise InputError(

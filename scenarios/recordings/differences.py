@@ -1,4 +1,4 @@
-"""Touches of which only the change was measured: their frames on the modelled reference."""
+"""Touches as changes: their frames on one reference frame, measured or modelled."""
 
 import numpy as np
 import pandas as pd
@@ -11,6 +11,12 @@ from eitbench.scenarios.sensors.sensor import Sensor
 TYPICAL_CHANGE = 0.02
 """What a touch changes of the frame, where nothing but the change is known: that of a press on the
 hydrogel discs `ohmc16` and `ohmc8` is 1.8 and 2.8 % (median)."""
+
+
+def rebased(pressed: Array, released: Array, samples: pd.DataFrame) -> RecordedFrames:
+    """Frames (n, M) on one reference: the median of the validation presses' released frames."""
+    reference = np.median(released[is_validation(samples)], axis=0)
+    return RecordedFrames(reference + pressed - released, reference, samples)
 
 
 def on_modelled_reference(

@@ -112,7 +112,11 @@ def _turns_back(a: list[float], b: list[float], c: list[float]) -> bool:
 
 
 def rectangle(width: float, height: float) -> Polygon:
-    """A `width` x `height` [m] rectangle with its lower-left corner, s = 0, at the origin."""
+    """A `width` x `height` [m] rectangle with its lower-left corner, s = 0, at the origin.
+
+    Raises:
+        InputError: a side that is not positive.
+    """
     if not (width > 0 and height > 0):
         raise InputError(f"A rectangle needs positive sides, got {width} x {height} m.")
     return Polygon(((0.0, 0.0), (width, 0.0), (width, height), (0.0, height)))

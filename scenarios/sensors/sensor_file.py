@@ -217,7 +217,11 @@ class ElectrodesDeclaration(Declaration):
         return self.count or len(self.centres_mm or ())
 
     def build(self, outline: Outline) -> tuple[Electrode, ...]:
-        """The electrodes [m]."""
+        """The electrodes [m].
+
+        Raises:
+            InputError: a centre is farther along the rim than it is long.
+        """
         centres = [centre * _MM for centre in self.centres_mm or ()]
         if centres and max(map(abs, centres)) > outline.perimeter:
             raise InputError(

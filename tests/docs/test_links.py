@@ -59,6 +59,18 @@ def test_files_of_the_repository_that_pages_name_are_there() -> None:
                 assert (ROOT / name).exists(), f"{page.name}: {name}"
 
 
+def test_every_script_of_a_study_is_named_where_its_figures_are() -> None:
+    text = "".join(page.read_text() for page in (ROOT / "docs").rglob("*.md"))
+    scripts = [
+        path.relative_to(ROOT)
+        for path in (ROOT / "docs" / "studies").rglob("*.py")
+        if "__main__" in path.read_text()
+    ]
+    assert len(scripts) > 10
+    named = [(str(path), ".".join(path.with_suffix("").parts)) for path in scripts]
+    assert [path for path, module in named if path not in text and module not in text] == []
+
+
 def test_every_subpackage_has_its_line_in_contributing() -> None:
     lines = (ROOT / "CONTRIBUTING.md").read_text()
     for folder in ("scenarios", "methods", "benchmark", "hardware", "reports"):

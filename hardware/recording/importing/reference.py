@@ -22,7 +22,11 @@ REFERENCE = "reference"
 
 
 def reference_paths(given: str | None) -> list[Path]:
-    """The files that `--reference` names; none where it says something else."""
+    """The files that `--reference` names; none where it says something else.
+
+    Raises:
+        InputError: it is empty, or names a file that is not there.
+    """
     if given is None or given == "none" or given.startswith(("first:", "array:")):
         return []
     if not given.strip():

@@ -107,7 +107,7 @@ def read_arrays(path: Path) -> Arrays:
 
 
 def arrays_of(path: Path) -> Arrays:
-    """As `read_arrays`, without trying."""
+    """As `read_arrays`, with the same errors, without trying."""
     if not path.exists():
         raise UnreadableError(f"Cannot read {path}: No such file or directory.")
     if path.suffix.lower() not in READERS:

@@ -74,6 +74,7 @@ from eitbench.scenarios.recordings.descriptors import (
     source,
     validation_every_fifth,
 )
+from eitbench.scenarios.recordings.differences import rebased
 from eitbench.scenarios.recordings.matlab import read_arrays
 from eitbench.scenarios.recordings.superposed import superposed
 from eitbench.scenarios.sensors.outlines import Disc, rectangle
@@ -131,14 +132,6 @@ _REPEATS = f"{_RECTANGLE}/repeats_r_s_16_50_5.mat"
 _DAMAGE = "DamageTests/Damage.mat"
 _RADIUS = 0.0855
 _FIRST_ELECTRODE = np.deg2rad(281.25)
-
-
-def rebased(
-    pressed: NDArray[np.float64], released: NDArray[np.float64], samples: pd.DataFrame
-) -> RecordedFrames:
-    """Frames (n, M) on one reference: the median of the validation presses' released frames."""
-    reference = np.median(released[is_validation(samples)], axis=0)
-    return RecordedFrames(reference + pressed - released, reference, samples)
 
 
 def _disc_skin(name: str, n_electrodes: int) -> Sensor:

@@ -21,7 +21,7 @@ from eitbench.scenarios.recordings.descriptors import (
     source,
     validation_every_fifth,
 )
-from eitbench.scenarios.recordings.public.hydrogel import rebased
+from eitbench.scenarios.recordings.differences import rebased
 from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import ring_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes

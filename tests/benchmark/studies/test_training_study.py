@@ -12,10 +12,10 @@ import psutil
 import pytest
 from tests.support.waiting import has_ended, wait_for
 
+from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.benchmark.studies import training_study as module
 from eitbench.benchmark.studies.training_study import (
     BETAS,
-    SAMPLES,
     STUDIES,
     StudyBudget,
     run_study,
