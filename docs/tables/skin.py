@@ -76,10 +76,10 @@ def _real_skin_training() -> str:
     ]
     others = stored[stored["learned_from"] == ""]
     rows += [
-        [f"`{row.method}`, learns nothing", f"{row.median_mm:.1f}", "", ""]
+        [f"`{row.method}`, learns nothing", f"{row.median_mm:.1f}", *[""] * (len(skins) - 1)]
         for row in others.itertuples()
     ]
-    return printed(["median error [mm]", *skins], rows, [False, True, True, True])
+    return printed(["median error [mm]", *skins], rows, [False, *[True] * len(skins)])
 
 
 TABLES = {
