@@ -115,8 +115,7 @@ def default_touch(sensor: Sensor) -> Touch:
 
     On coarse pixels it is larger: the smallest that they can show, see `lattice`.
     """
-    x0, y0, x1, y1 = sensor.outline.bounds
-    return Touch(max(0.05 * min(x1 - x0, y1 - y0), LEAST_PIXELS * max(sensor.pixel_size)))
+    return Touch(max(0.05 * sensor.outline.shorter_side, LEAST_PIXELS * max(sensor.pixel_size)))
 
 
 def best(designs: Sequence[Design]) -> Design | None:

@@ -138,16 +138,10 @@ def firmest(table: pd.DataFrame) -> pd.DataFrame:
 def nearest_the_middle(table: pd.DataFrame, sensor: Sensor) -> pd.DataFrame:
     """The firmest touches nearest to the sensor's centre: the draws of one of them."""
     pressed = firmest(table)
-    away = np.hypot(*(pressed[["x_m", "y_m"]].to_numpy(np.float64) - _centre(sensor)).T)
+    away = np.hypot(*(pressed[["x_m", "y_m"]].to_numpy(np.float64) - sensor.outline.centre).T)
     nearest = pressed["place"].iloc[int(away.argmin())]
     found: pd.DataFrame = pressed.loc[pressed["place"] == nearest]
     return found
-
-
-def _centre(sensor: Sensor) -> Array:
-    """Middle (2,) of the sensor's bounding box [m]."""
-    x0, y0, x1, y1 = sensor.outline.bounds
-    return np.array([(x0 + x1) / 2, (y0 + y1) / 2])
 
 
 def seen(images: Array, truth: Array, samples: pd.DataFrame, sensor: Sensor) -> pd.DataFrame:
@@ -187,8 +181,8 @@ def _greit(contrast: Array, truth: Array, table: pd.DataFrame, sensor: Sensor) -
     rows = np.flatnonzero(table["family"] == "touch")
     of_truth = truth[rows][:, sensor.mask].sum(axis=1)
     sign = np.sign(of_truth)[:, None, None]
-    x, y = (axis - c for axis, c in zip(sensor.pixel_centres, _centre(sensor), strict=True))
-    target = table[["x_m", "y_m"]].to_numpy(np.float64)[rows] - _centre(sensor)
+    x, y = (axis - c for axis, c in zip(sensor.pixel_centres, sensor.outline.centre, strict=True))
+    target = table[["x_m", "y_m"]].to_numpy(np.float64)[rows] - sensor.outline.centre
     area = sensor.pixel_size[0] * sensor.pixel_size[1]
     found = greit_figures(sign * contrast[rows], target, x, y, sensor.mask, area)
     values = np.full((len(table), len(GREIT)), np.nan)

@@ -151,9 +151,7 @@ def fit_registration(validation: Known, estimates: ArrayLike) -> Similarity:
     if similarity is not None:
         several = "contacts" in validation.samples
         return _refitted(similarity, validation, contrast) if several else similarity
-    x0, y0, x1, y1 = sensor.outline.bounds
-    centre = np.array([x0 + x1, y0 + y1]) / 2
-    return Similarity(1.0, np.eye(2), presses.mean(axis=0) - centre)
+    return Similarity(1.0, np.eye(2), presses.mean(axis=0) - sensor.outline.centre)
 
 
 def _refitted(similarity: Similarity, validation: Known, contrast: Array) -> Similarity:

@@ -260,8 +260,7 @@ def measure(
         InputError: an SNR that is not given, a frame rate or radius that is not above 0, an age
             below 0, no room for the touch, a method that is unknown or cannot be used live.
     """
-    x0, y0, x1, y1 = sensor.outline.bounds
-    side = min(x1 - x0, y1 - y0)
+    side = sensor.outline.shorter_side
     radius_m = RADIUS * side if radius_m is None else radius_m
     if snr_db is None or np.isnan(snr_db):
         raise InputError(

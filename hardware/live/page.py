@@ -58,11 +58,10 @@ PRESSURES_PA = {"light": 5e3, "medium": 20e3, "hard": 60e3}
 def page_setup(session: Session) -> dict[str, object]:
     """Return the first message to a page, as plain values."""
     sensor = session.board.sensor
-    x0, y0, x1, y1 = sensor.outline.bounds
     return {
         "board": session.name,
         "sensor": sensor.name,
-        "bounds_m": [x0, y0, x1, y1],
+        "bounds_m": list(sensor.outline.bounds),
         "outline_m": _outline(sensor),
         "electrodes_m": _electrodes(sensor),
         "background": sensor.background,
@@ -74,7 +73,7 @@ def page_setup(session: Session) -> dict[str, object]:
         # A fingertip, if the sensor is 10 cm wide. Without pressures the sensor is real: the place
         # of a touch goes into the recording only.
         "touch": {
-            "radius_m": 0.08 * min(x1 - x0, y1 - y0),
+            "radius_m": 0.08 * sensor.outline.shorter_side,
             "pressures_pa": PRESSURES_PA if session.board.can_be_pressed else {},
         },
     }

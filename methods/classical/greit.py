@@ -48,8 +48,8 @@ class Greit(OneStep):
 
     def _training(self, problem: Problem) -> tuple[Array, Array]:
         """Targets and desired images (P, t), each with unit sum, so that area is kept."""
-        x0, y0, x1, y1 = problem.sensor.outline.bounds
-        side = max(x1 - x0, y1 - y0)
+        x0, y0, _, _ = problem.sensor.outline.bounds
+        side = problem.sensor.outline.longer_side
         x, y = (c[problem.mask] for c in problem.sensor.pixel_centres)
         steps = (np.arange(TARGETS_ACROSS) + 0.5) / TARGETS_ACROSS * side
         cx, cy = (c.ravel() for c in np.meshgrid(x0 + steps, y0 + steps))

@@ -128,7 +128,7 @@ def lattice(outline: Outline, across: int) -> tuple[Array, Array, float]:
     steps = (np.arange(across) + 0.5) / across
     x, y = (c.ravel() for c in np.meshgrid(x0 + steps * (x1 - x0), y0 + steps * (y1 - y0)))
     inside = outline.contains(x, y)
-    return x[inside], y[inside], max(x1 - x0, y1 - y0)
+    return x[inside], y[inside], outline.longer_side
 
 
 def pixels_inside(problem: Problem) -> Array:

@@ -38,8 +38,7 @@ SAME_POINT = 1e-6
 
 def scaled(outline: Outline, points: Array) -> Array:
     """`points` (..., 2) [m] centred on the outline's bounding box; its longer half side is 1."""
-    x0, y0, x1, y1 = outline.bounds
-    return np.asarray((points - np.array([x0 + x1, y0 + y1]) / 2) * (2 / max(x1 - x0, y1 - y0)))
+    return np.asarray((points - outline.centre) * (2 / outline.longer_side))
 
 
 def signed_distance(outline: Outline, points: Array) -> Array:

@@ -34,8 +34,7 @@ class PlacesOfImages(PlaceMethod):
         """Places (n, 2) [m], in the sensor's coordinates where too few presses are labelled."""
         found = self._found(differences)
         lost = np.isnan(found[:, 0])
-        x0, y0, x1, y1 = self._problem.physics.sensor.outline.bounds
-        found[lost] = [(x0 + x1) / 2, (y0 + y1) / 2]
+        found[lost] = self._problem.physics.sensor.outline.centre
         return found if self._register is None else self._register(found)
 
     def _found(self, differences: Array) -> Array:

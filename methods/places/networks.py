@@ -46,8 +46,7 @@ class Network(PlaceMethod):
 
         self._problem, labelled = problem, problem.labelled
         sensor = problem.physics.sensor
-        x0, y0, x1, y1 = sensor.outline.bounds
-        centre, scale = ((x0 + x1) / 2, (y0 + y1) / 2), max(x1 - x0, y1 - y0) / 2
+        centre, scale = sensor.outline.centre, sensor.outline.longer_side / 2
         self._networks = [
             PlaceNetwork(sensor.n_measurements, centre, scale, seed) for seed in range(self.seeds)
         ]
@@ -81,8 +80,8 @@ class Network(PlaceMethod):
         return np.asarray(np.mean([network(x) for network in self._networks], axis=0))
 
 
-def _onto(centre: tuple[float, float], problem: PlaceProblem) -> Similarity:
-    """The shift of the sensor's `centre` onto the middle of the labelled presses."""
+def _onto(centre: Array, problem: PlaceProblem) -> Similarity:
+    """The shift of the sensor's `centre` (2,) onto the middle of the labelled presses."""
     return Similarity(1.0, np.eye(2), middle(problem) - centre)
 
 

@@ -25,8 +25,7 @@ def middle(problem: PlaceProblem) -> Array:
     """The mean place (2,) of the labelled presses [m], or that of the sensor without any."""
     if len(problem.labelled):
         return np.asarray(problem.labelled.places.mean(axis=0))
-    x0, y0, x1, y1 = problem.physics.sensor.outline.bounds
-    return np.array([(x0 + x1) / 2, (y0 + y1) / 2])
+    return problem.physics.sensor.outline.centre
 
 
 @register_place_method("one-place")

@@ -65,8 +65,7 @@ class Parameters:
     @cached_property
     def side(self) -> float:
         """The shorter side of the sensor's bounding box [m]."""
-        x0, y0, x1, y1 = self.sensor.outline.bounds
-        return min(x1 - x0, y1 - y0)
+        return self.sensor.outline.shorter_side
 
     @cached_property
     def _shape(self) -> tuple[str, tuple[str, ...], bool]:

@@ -84,7 +84,7 @@ class Acuity(Declaration):
             InputError: there are fewer than `FEWEST_PLACES`, or the foam spreads a touch over the
                 whole sensor.
         """
-        if (side := _side(sensor)) < LEAST_SIDE_M:
+        if (side := sensor.outline.shorter_side) < LEAST_SIDE_M:
             raise InputError(
                 f"Sensor {sensor.name!r} is {1e3 * side:.3g} mm wide, and its foam, "
                 f"{1e3 * FOAM.thickness:g} mm thick, spreads a touch as far: acuity needs a sensor "
@@ -107,7 +107,7 @@ class Acuity(Declaration):
         return found
 
     def _fits(self, x: float, y: float, sensor: Sensor) -> bool:
-        around = Circle((self.radius + self.room) * _side(sensor), Pose(x, y))
+        around = Circle((self.radius + self.room) * sensor.outline.shorter_side, Pose(x, y))
         corners = sensor.outline.point(sensor.outline.corners).T
         return bool(
             sensor.outline.contains(*around.rim().T).all() and not around.contains(*corners).any()
@@ -136,7 +136,12 @@ class Acuity(Declaration):
     def _pairs(self, places: list[tuple[float, float]], sensor: Sensor) -> Iterator[Phantom]:
         for (k, (x, y)), distance in itertools.product(enumerate(places), self.distances):
             for angle in np.pi / 4 * np.arange(4):  # along the axes and the diagonals
-                half = distance * _side(sensor) / 2 * np.array([np.cos(angle), np.sin(angle)])
+                half = (
+                    distance
+                    * sensor.outline.shorter_side
+                    / 2
+                    * np.array([np.cos(angle), np.sin(angle)])
+                )
                 both = [(float(x + s * half[0]), float(y + s * half[1])) for s in (-1, 1)]
                 if all(self._fits(*one, sensor) for one in both):
                     yield self._phantom("pair", k, both, self.pair_pressure, sensor)
@@ -149,7 +154,7 @@ class Acuity(Declaration):
         pressure: float,
         sensor: Sensor,
     ) -> Phantom:
-        radius = self.radius * _side(sensor)
+        radius = self.radius * sensor.outline.shorter_side
         presses = tuple(SoftPress(Circle(radius, Pose(x, y)), pressure) for x, y in centres)
         parameters = {"place": float(place), "pressure_pa": pressure, "radius_m": radius}
         for (x, y), k in zip(centres, ("", "2"), strict=False):
@@ -157,9 +162,3 @@ class Acuity(Declaration):
         if part == "pair":
             parameters["probe_distance_mm"] = 1e3 * math.dist(*centres)
         return Phantom(part, part, sensor.background, presses, parameters)
-
-
-def _side(sensor: Sensor) -> float:
-    """The shorter side [m] of the sensor's bounding box."""
-    x0, y0, x1, y1 = sensor.outline.bounds
-    return float(min(x1 - x0, y1 - y0))

@@ -80,8 +80,7 @@ def draw(family: Family, sensor: Sensor, rng: np.random.Generator) -> Phantom:
     Raises:
         InputError: no place was found in MAX_TRIES tries.
     """
-    x0, y0, x1, y1 = sensor.outline.bounds
-    side = min(x1 - x0, y1 - y0)
+    side = sensor.outline.shorter_side
     several = 1 if not family.levels else family.count
     shapes = [family.shapes[rng.integers(len(family.shapes))] for _ in range(several)]
     shapes *= family.count // several

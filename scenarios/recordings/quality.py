@@ -388,10 +388,10 @@ def metres_as_millimetres(content: Content) -> str:
     places = content.labels[["x_m", "y_m"]].dropna().to_numpy(dtype=np.float64)
     if len(places) < _LEAST:
         return ""
-    extent, (x0, y0, x1, y1) = np.ptp(places, axis=0).max(), content.sensor.outline.bounds
+    extent = np.ptp(places, axis=0).max()
     in_metres = content.sensor.outline.contains(*(1e3 * places).T).all()
     # Of one place nothing is told.
-    if not 0 < extent < _SMALL * max(x1 - x0, y1 - y0) or not in_metres:
+    if not 0 < extent < _SMALL * content.sensor.outline.longer_side or not in_metres:
         return ""
     return (
         f"All places lie within {1e3 * extent:.2g} mm of each other: were metres imported as "

@@ -1,5 +1,6 @@
 """Outlines of sensors: closed curves in metres, walked counter-clockwise along their rim."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -11,8 +12,35 @@ from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 
 
+class _Bounded(ABC):
+    """What follows from the bounding box of an outline."""
+
+    @property
+    @abstractmethod
+    def bounds(self) -> tuple[float, float, float, float]:
+        """(x_min, y_min, x_max, y_max) [m]."""
+
+    @property
+    def centre(self) -> Array:
+        """Middle (2,) of the bounding box [m]."""
+        x0, y0, x1, y1 = self.bounds
+        return np.array([(x0 + x1) / 2, (y0 + y1) / 2])
+
+    @property
+    def shorter_side(self) -> float:
+        """Of the bounding box [m]."""
+        x0, y0, x1, y1 = self.bounds
+        return min(x1 - x0, y1 - y0)
+
+    @property
+    def longer_side(self) -> float:
+        """Of the bounding box [m]."""
+        x0, y0, x1, y1 = self.bounds
+        return max(x1 - x0, y1 - y0)
+
+
 @dataclass(frozen=True)
-class Polygon:
+class Polygon(_Bounded):
     """A simple polygon; `vertices` are (x, y) [m] in counter-clockwise order, the first is s = 0.
 
     Raises:
@@ -123,7 +151,7 @@ def rectangle(width: float, height: float) -> Polygon:
 
 
 @dataclass(frozen=True)
-class Disc:
+class Disc(_Bounded):
     """A disc of `radius` [m] centred at the origin; s = 0 lies on the positive x axis."""
 
     radius: float
