@@ -92,8 +92,8 @@ def fit_similarity(source: ArrayLike, target: ArrayLike) -> Similarity | None:
 def registered_in_parts(found: ArrayLike, places: ArrayLike, parts: int = 5) -> Array:
     """Return distances (n,) [m] of points `found` (n, 2) [m] from their `places` (n, 2) [m].
 
-    Every n-th point belongs to the same of n `parts`, and is mapped by the similarity that fits
-    the others. NaN where nothing was found or nothing fits.
+    Point k belongs to part k modulo `parts`, and is mapped by the similarity that fits the points
+    of all other parts. NaN where nothing was found or nothing fits.
     """
     x, y = np.asarray(found, float), np.asarray(places, float)
     part, distance = np.arange(len(y)) % parts, np.full(len(y), np.nan)

@@ -26,7 +26,7 @@ from eitbench.scenarios.suites.scenario import SimulatedScenario
 LEVELS = 3
 """Fewer levels of noise are no curve."""
 LEAST_SHARE = 0.1
-"""Of the phantoms of a level: a method with fewer has no curve."""
+"""Of the phantoms that the others have: a method with fewer has no curve."""
 CEILING, UNTOUCHED = "ceiling", "untouched sensor"
 
 
@@ -75,8 +75,7 @@ def _curves(run: Run, scenarios: list[SimulatedScenario]) -> NoiseCurves:
     hashes = [run.manifest["data"][s.name]["hash"] for s in scenarios]
     known = [recorded_frames(s.name, of)["mse"] for s, of in zip(scenarios, hashes, strict=True)]
     cells = run.samples[run.samples["scenario"].isin([s.name for s in scenarios])]
-    cells = cells[cells["psnr"].notna()]
-    cells = _with_enough(cells)
+    cells = _with_enough(cells[cells["psnr"].notna()])
     samples = set.intersection(
         *(set(of["sample"]) for _, of in cells.groupby(["scenario", "method"]))
     )
@@ -101,10 +100,9 @@ def _curves(run: Run, scenarios: list[SimulatedScenario]) -> NoiseCurves:
 
 
 def _with_enough(cells: pd.DataFrame) -> pd.DataFrame:
-    """The rows of the methods that have `LEAST_SHARE` of the phantoms at every level."""
-    counts = cells.groupby(["scenario", "method"]).size().unstack("method", fill_value=0)
-    enough = (counts.T / counts.max(axis=1) >= LEAST_SHARE).all(axis=1)
-    return cells[cells["method"].isin(enough.index[enough])]
+    """The rows of the methods that have `LEAST_SHARE` of the phantoms, at one level at least."""
+    count = cells.groupby(["method", "scenario"]).size().groupby("method").max()
+    return cells[cells["method"].isin(count.index[count / count.max() >= LEAST_SHARE])]
 
 
 def _untouched(scenario: SimulatedScenario, samples: list[int]) -> float:

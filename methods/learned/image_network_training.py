@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from eitbench.methods.learned.linear_maps import Ridge, ridge
 from eitbench.methods.registry import operator, operators
-from eitbench.methods.training.augmentation import Augmentation, symmetries
+from eitbench.methods.training.augmentation import Augmentation, noise_estimates, symmetries
 from eitbench.methods.training.loop import Data, TrainingTask, working_precision
 from eitbench.methods.training.losses import image_loss
 from eitbench.methods.training.samples import images, nominal_problem
@@ -176,9 +176,8 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
     else:
         clean = job.noiseless(count)
         sigma = images(scenario, "train", count) / sensor.background
-        units, matrices = problem.estimates(clean.references, request.gain_power)
-        estimates = torch.from_numpy(matrices) if len(matrices) > 1 else None
-        train = (*_tensors(clean.voltages, differences(clean), sigma), torch.from_numpy(units))
+        units, estimates = noise_estimates(problem, clean.references, request.gain_power)
+        train = (*_tensors(clean.voltages, differences(clean), sigma), units)
     seen_sigma = images(scenario, "validation", scenario.validation) / sensor.background
     validation = _tensors(seen.voltages, differences(seen), seen_sigma)
     std = train[0].std(0)

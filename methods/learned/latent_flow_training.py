@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from eitbench.methods.networks.latent_flow import LatentFlow
-from eitbench.methods.training.augmentation import Augmentation, symmetries
+from eitbench.methods.training.augmentation import Augmentation, noise_estimates, symmetries
 from eitbench.methods.training.loop import Data, TrainingTask
 from eitbench.methods.training.samples import images, nominal_problem
 from eitbench.scenarios.data.datasets import load
@@ -34,12 +34,12 @@ class FlowTask(TrainingTask):
 
     def __init__(self, network: LatentFlow, augmentation: Augmentation) -> None:
         super().__init__(network)
-        self._augmentation = augmentation
+        self.augmentation = augmentation
 
     def loss(self, batch: Data) -> Tensor:
         """Return the loss () of a batch."""
         if self.training:
-            difference, truth, _ = self._augmentation(*batch)
+            difference, truth, _ = self.augmentation(*batch)
         else:
             difference, truth = batch
         density = self.network.log_density(self.network.encoded(truth - 1), difference)
@@ -57,10 +57,9 @@ def train_latent_flow(job: TrainingJob) -> TrainingResult:
     problem = nominal_problem(scenario)
     clean, truth = job.noiseless(count), images(scenario, "train", count) / sensor.background
     difference = torch.from_numpy(problem.differences(clean, gain_power)).float()
-    units, matrices = problem.estimates(clean.references, gain_power)
-    estimates = torch.from_numpy(matrices) if len(matrices) > 1 else None
+    units, estimates = noise_estimates(problem, clean.references, gain_power)
     frame_rms = torch.from_numpy(np.sqrt(np.mean(clean.voltages**2, axis=1))).float()
-    train = (difference, frame_rms, truth, torch.from_numpy(units))
+    train = (difference, frame_rms, truth, units)
     seen = load(scenario, "validation", jobs=job.request.jobs, progress=job.request.progress)
     seen_truth = images(scenario, "validation", scenario.validation) / sensor.background
     validation = (torch.from_numpy(problem.differences(seen, gain_power)).float(), seen_truth)

@@ -14,6 +14,8 @@ from eitbench.scenarios.sensors.symmetry import motions
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from eitbench.methods.problem import Problem
+    from eitbench.scenarios.arrays import Array
     from eitbench.scenarios.imperfections.noise import Noise
     from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -41,6 +43,20 @@ class Symmetry:
         """Moved frames (..., M)."""
         order, sign = self.order.to(voltages.device), self.sign.to(voltages)
         return voltages[..., order] * sign
+
+
+def noise_estimates(
+    problem: Problem, references: Array, gain_power: float
+) -> tuple[Tensor, Tensor | None]:
+    """What the noise of frames with `references` (n, M) goes through, see `Problem.estimates`.
+
+    Returns:
+        Number of each frame's matrix (n,), and the matrices (U, M, M); None where they change
+        nothing.
+    """
+    units, matrices = problem.estimates(references, gain_power)
+    changed = torch.from_numpy(matrices) if len(matrices) > 1 else None
+    return torch.from_numpy(units), changed
 
 
 def symmetries(sensor: Sensor, jacobian: Tensor) -> list[Symmetry]:

@@ -18,10 +18,11 @@ import numpy as np
 import pandas as pd
 
 from eitbench import __version__
+from eitbench.benchmark.tuning.selection import selected_parameters
 from eitbench.methods.problem import Problem, no_split
 from eitbench.methods.registry import create
 from eitbench.methods.training import TrainingRequest, train
-from eitbench.scenarios import sensor
+from eitbench.scenarios import load_suite, sensor
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.recordings.fetch import read_recording
@@ -39,17 +40,14 @@ TRAININGS = {
     "coarse-to-fine": {"epochs": 12, "loss": "log-mse"},
     "latent-flow": {"epochs": 20},
 }
-CLASSICAL = {
-    "greit": {"weight": 0.01, "variable": "clausius-mossotti", "blur": 0.08},
-    "noser": {"weight": 3.0},
-}
-"""For comparison, with the parameters that are selected for the suite `presses`."""
+CLASSICAL = ("greit", "noser")
+"""For comparison, with the parameters that are selected on these presses."""
 
 
 def errors(name: str, **parameters: object) -> Array:
     """Errors (n,) [mm] of the validation presses; NaN where nothing is found."""
     presses, skin = read_recording(SKIN).without_test(), sensor(SKIN)
-    method = create(name, gain_power=1.0, **parameters)
+    method = create(name, **{"gain_power": 1.0} | parameters)
     method.fit(Problem(skin, presses.reference, no_split))
     found = locate(np.minimum(method.reconstruct(presses.voltages) - skin.background, 0), skin)
     return 1e3 * registered_in_parts(found, presses.samples[["x_m", "y_m"]].to_numpy())
@@ -68,8 +66,9 @@ def row(method: str, learned_from: str, error: Array, **more: object) -> dict[st
 
 if __name__ == "__main__":
     work, rows = Path(sys.argv[1]), []
-    for name, parameters in CLASSICAL.items():
-        rows.append(row(name, "", errors(name, **parameters)))
+    (presses,) = (s for s in load_suite("presses").scenarios if s.name == SKIN)
+    for name in CLASSICAL:
+        rows.append(row(name, "", errors(name, **selected_parameters(presses, name))))
     for name, how in TRAININGS.items():
         rows.append(row(name, "as packaged", errors(name)))
         for learned_from, (suite, gain_power) in LEARNED_FROM.items():

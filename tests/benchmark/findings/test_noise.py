@@ -87,6 +87,14 @@ def test_a_method_on_few_phantoms_does_not_decide_for_the_others(run: Run) -> No
     assert "slow" in beside.psnr.index
 
 
+def test_a_method_that_lacks_a_level_has_the_rest_of_its_curve(run: Run) -> None:
+    rest = run.samples[run.samples["scenario"] != "n-50"].assign(method="partly")
+    curves = noise_curves(replace(run, samples=pd.concat([run.samples, rest])))
+    assert curves is not None
+    assert curves.n == SAMPLES
+    assert curves.psnr.loc["partly"].isna().tolist() == [False, True, False]
+
+
 def test_the_finding_has_a_row_for_each_line(run: Run) -> None:
     (finding,) = findings(run)
     assert [row[0] for row in finding.grid[1:]] == ["noser", UNTOUCHED]

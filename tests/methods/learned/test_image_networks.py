@@ -20,6 +20,7 @@ from eitbench.methods import Problem, create, methods
 from eitbench.methods.learned import image_network_training
 from eitbench.methods.learned.image_network_training import ImageTask
 from eitbench.methods.learned.image_networks import Dnn, DnnLarge, DnnRandomised, ImageNetworkMethod
+from eitbench.methods.learned.latent_flow import LatentFlowMethod
 from eitbench.methods.method import reconstructed
 from eitbench.methods.networks.image_network import ImageNetwork
 from eitbench.methods.problem import no_split
@@ -611,19 +612,23 @@ UNEVEN = TINY.model_copy(
 )
 
 
-@pytest.mark.parametrize("gain_power", [pytest.param(0.0, marks=pytest.mark.slow), 1.0])
+@pytest.mark.parametrize(
+    ("name", "gain_power"),
+    [pytest.param("dnn", 0.0, marks=pytest.mark.slow), ("dnn", 1.0), ("latent-flow", 1.0)],
+)
 def test_a_network_sees_in_training_what_it_sees_in_use(
-    gain_power: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, gain_power: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """To the last bit, for the same frame and reference frame, where no noise is drawn."""
     given: list[Any] = []
 
-    def fit(job: TrainingJob, task: ImageTask, train: Data, *others: Any, **options: Any) -> None:
+    def fit(job: TrainingJob, task: Any, train: Data, *others: Any, **options: Any) -> None:
         given.append((task, train))
 
     monkeypatch.setattr(TrainingJob, "fit", fit)
     monkeypatch.setattr(augmentation, "UNTOUCHED", 0.0)
-    train(TrainingRequest("dnn", suite_of(tmp_path, UNEVEN), gain_power=gain_power))
+    monkeypatch.setattr(LatentFlowMethod, "recipe", replace(LatentFlowMethod.recipe, batch=16))
+    train(TrainingRequest(name, suite_of(tmp_path, UNEVEN), gain_power=gain_power))
     task, learned = given[0]
     alone = replace(task.augmentation, motions=task.augmentation.motions[:1])
     seen, truth, _ = alone(*learned)
