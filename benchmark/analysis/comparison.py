@@ -343,7 +343,8 @@ def _change(
         t = abs(student_t(difference + shift, differences + shift, clusters))
         return 2 * float(special.stdtr(clusters - 1, -t))
 
-    few = clusters < MIN_CLUSTERS
+    # A draw may lack what the figure compares, such as untouched frames.
+    few = clusters < MIN_CLUSTERS or not np.isfinite(differences).all()
     verdict: ChangeVerdict = TOO_FEW if few else "no difference found"
     # A median stays where it is while frames on one side of it change, however much they do; and
     # of few clusters, all may have the same difference by chance.

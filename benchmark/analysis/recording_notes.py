@@ -9,6 +9,7 @@ import pandas as pd
 
 from eitbench.benchmark.analysis.results import GUESS, NOTES, NOTES_FILE, STORED_NOTES
 from eitbench.benchmark.metrics.aggregation import figure_of
+from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES
 from eitbench.benchmark.metrics.load import fit_load
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.benchmark.rundir import manifest as manifests
@@ -87,7 +88,7 @@ def _guess(scenario: RecordedScenario, n: int) -> dict[str, float]:
 
 def _guessed_loads(scenario: RecordedScenario, n: int) -> dict[str, float]:
     """As the metrics `measured_force_error_n` and `measured_load_error_percent`."""
-    known = load(scenario, "validation").samples
+    known = load(scenario, "validation", REGISTRATION_FRAMES).samples  # as those of methods
     mean = fit_load(known, np.zeros(len(known)))  # images that say nothing
     if mean is None:
         return {}

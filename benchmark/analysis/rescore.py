@@ -134,7 +134,8 @@ def _stored(run: Run, scenario: Scenario, rows: pd.DataFrame) -> GroundTruth:
         raise InputError(
             f"{run.path} does not hold the true images of {scenario.name!r}: run the suite again."
         )
-    rows = rows.reset_index(drop=True)
+    # The table of a run has the columns of all scenarios; what this one lacks is empty here.
+    rows = rows.reset_index(drop=True).dropna(axis="columns", how="all")
     return GroundTruth(scenario.name, scenario.nominal_sensor, rows, truth, images, images)
 
 

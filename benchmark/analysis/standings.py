@@ -143,8 +143,14 @@ def _standing(board: Sequence[Entry]) -> Standing:
     found = [[rows[place][spec.name] for spec in specs] for place in places]
     value = np.array(found, dtype=np.float64)  # NaN where there is none
     drawn = draw(figures, cells[0]["cluster"])
-    ends = intervals(value, drawn, clusters)
     main = next(k for k, spec in enumerate(specs) if spec.name == by)
+    if np.isnan(drawn[:, :, main]).any():
+        why = (
+            "Intervals and ties need the figure of every draw of sessions or objects; some draws "
+            f"lack frames that {by} compares."
+        )
+        return Standing(rows, [], 0, why)
+    ends = intervals(value, drawn, clusters)
     oriented = np.round(drawn[:, :, main], _DIGITS) * specs[main].sign
     ranks = 1 + (oriented[:, None, :] > oriented[:, :, None]).sum(axis=2)
     rank_ends = np.quantile(

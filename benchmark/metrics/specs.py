@@ -252,7 +252,7 @@ _SPECS = (
         "measured_force_error_n",
         "Measured force error",
         formula="|a + b s - F|, s the integrated |contrast| of all contacts of p, F the measured "
-        "force; a and b >= 0 by least squares on the validation split",
+        "force; a and b >= 0 by least squares on the first 100 validation touches",
         domain="recorded scenarios with a measured force",
         unit="N",
         best="min",
@@ -266,7 +266,7 @@ _SPECS = (
     MetricSpec(
         "measured_load_error_percent",
         "Measured load error",
-        formula="the same over the largest load of the validation split; of the pressure where no "
+        formula="the same over the largest load of these touches; of the pressure where no "
         "force is known",
         domain="recorded scenarios with a measured force or pressure",
         unit="%",

@@ -221,10 +221,13 @@ def seed_means(values: ArrayLike) -> list[Interval]:
 def student_t(value: ArrayLike, drawn: Array, clusters: int) -> Array:
     """Student's t (...) of each `value` (...) by the spread of its `drawn` values (draws, ...).
 
+    It is 0 where the spread is not known, as some draws have no value.
+
     Source: Efron and Tibshirani, An Introduction to the Bootstrap (1993), ch. 12.
     """
     error = drawn.std(axis=0) * np.sqrt(clusters / (clusters - 1))
-    sure = np.where(np.abs(value) < EQUAL, 0.0, np.copysign(np.inf, value))
+    nothing = np.isnan(error) | (np.abs(value) < EQUAL)
+    sure = np.where(nothing, 0.0, np.copysign(np.inf, value))
     return np.asarray(np.divide(value, error, out=sure, where=error >= EQUAL))
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
+from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.storage.files import sha256_of
 
 SUMS = "SHA256SUMS"
@@ -21,10 +21,12 @@ def sums_of(folder: Path) -> list[str]:
     return [_sum_of(path) for path in sorted(folder.iterdir()) if path.is_file()]
 
 
-def note_sums(paths: Sequence[Path]) -> None:
-    """Add new files of one folder of a version to its sums."""
-    with (paths[0].parents[1] / SUMS).open("a") as sums:
-        sums.writelines(map(_sum_of, paths))
+def note_sums(folder: Path) -> None:
+    """Write the sums of a record to those of its version, in the place of earlier ones."""
+    sums = folder.parent / SUMS
+    noted = sums.read_text().splitlines(keepends=True) if sums.is_file() else []
+    others = [line for line in noted if not line[66:].startswith(f"{folder.name}/")]
+    atomic_write(sums, "".join([*others, *sums_of(folder)]).encode())
 
 
 def fit_sums(folder: Path) -> bool:

@@ -30,6 +30,7 @@ from eitbench.methods.registry import create, methods
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings.descriptors import contact_places
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
 from eitbench.scenarios.suites.suite import Suite
 
@@ -189,15 +190,20 @@ class Validation:
 
         A step is the standard deviation of that image's figure between frames: so scenarios whose
         figures differ in unit and spread weigh alike, by a measure that no method decides. Where
-        it is the same for every frame, as a correlation of 0 is, figures count as they are.
+        it is the same for every frame, as a correlation of 0 is, figures count as they are; errors
+        of places, in units of the median distance of touches from their mean.
         """
+        if self.data.truth == "position":
+            places = contact_places(self.data.samples)
+            away = np.linalg.norm(places - np.nanmean(places, axis=(0, 1)), axis=2)
+            self.standard = (0.0, 1e3 * float(np.nanmedian(away)))
+            return
         untouched = np.full(
             (len(self.data), *self.data.sensor.image_shape), self.data.sensor.background, np.float32
         )
         values = frame_figures(self.data, untouched)
         spread = float(np.std(values))
-        centre = np.median(values) if self.data.truth == "position" else np.mean(values)
-        self.standard = (float(centre), spread) if spread > 0 else (0.0, 1.0)
+        self.standard = (float(np.mean(values)), spread) if spread > 0 else (0.0, 1.0)
 
     def close(self) -> None:
         """End the worker."""

@@ -12,6 +12,7 @@ from eitbench.benchmark import DataCorruptError, InputError
 from eitbench.benchmark.analysis.overall import DataFigures, WinsRow, wins_over_suites
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.rundir import manifest
+from eitbench.benchmark.rundir.few_bytes import with_short_hashes
 from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.benchmark.submissions.hidden import PublishedKey, published_keys
 from eitbench.benchmark.submissions.statement import read_statement
@@ -104,11 +105,15 @@ class SuitePart:
 
     @cached_property
     def frames(self) -> dict[str, frozenset[str]]:
-        """By scenario, the hashes of its test frames."""
+        """By scenario, the hashes of its test frames, of the first run that has it.
+
+        Other machines make the same frames with other last bits, and so other hashes.
+        """
         found: dict[str, frozenset[str]] = {}
         for run in self.runs:
-            for scenario, rows in run.samples.groupby("scenario")["input_hash"]:
-                found[str(scenario)] = found.get(str(scenario), frozenset()) | frozenset(rows)
+            samples = with_short_hashes(run.samples)
+            for scenario, hashes in samples.groupby("scenario")["input_hash"]:
+                found.setdefault(str(scenario), frozenset(hashes))
         return found
 
     @property

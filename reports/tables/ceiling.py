@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+import pandas as pd
+
 from eitbench.benchmark.analysis.leaderboard import Row
 from eitbench.benchmark.ceiling.record import recorded_frames, traces_held
 
@@ -11,7 +13,7 @@ TOO_SURE = 0.9
 
 def ceiling_rows(board: Sequence[Row]) -> list[Row]:
     """The ceiling as a row like those of `board`, without a rank; none where it is not known."""
-    frames = recorded_frames(board[0]["scenario"], board[0]["data_hash"])
+    frames = _frames(board)
     if frames.empty or "method" not in board[0]:
         return []
     found = {name: float(frames[name].mean()) for name in ("psnr", "ssim", "cc", "rie")}
@@ -30,10 +32,16 @@ def ceiling_notes(board: Sequence[Row]) -> list[str]:
         "at least this, in mean squared error; for other figures it is a reference; methods are "
         "compared with it on the frames that both have"
     )
-    held = traces_held(recorded_frames(board[0]["scenario"], board[0]["data_hash"]), 95)
+    held = traces_held(_frames(board), 95)
     if held < TOO_SURE:
         said += (
             f"; its draws are too sure: their 95 % intervals hold {held:.0%} of the true places, "
             "strengths and areas"
         )
     return [said]
+
+
+def _frames(board: Sequence[Row]) -> pd.DataFrame:
+    """What is recorded of the frames of a board, which a limited run has the first of."""
+    frames = recorded_frames(board[0]["scenario"], board[0]["data_hash"])
+    return frames[frames["sample"] < board[0]["data_n"]]

@@ -1,6 +1,7 @@
 """Comparisons of runs whose changes are known, because they were made."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -129,6 +130,21 @@ def test_few_sessions_show_plain_differences() -> None:
     values = np.arange(4.0)
     swapped = compare(results({"m": values}, clusters=1), results({"m": values[::-1]}, clusters=1))
     assert swapped.changes[0].verdict == "too few to test"
+
+
+def test_a_figure_that_some_draws_lack_is_not_tested() -> None:
+    """All untouched frames are of one session here."""
+    runs = []
+    for seed in range(2):
+        run = results({"m": np.zeros(N)}, clusters=12)
+        touched = run.samples["cluster"] != "p0"
+        response = np.random.default_rng(seed).normal(1, 0.1, N) * np.where(touched, 100, 1)
+        samples = run.samples.drop(columns=["score", "rie"])
+        runs.append(replace(run, samples=samples.assign(touched=touched, response=response)))
+    (change,) = compare(*runs).changes
+    assert (change.figure, change.verdict) == ("repeatability_db", "too few to test")
+    assert (change.low, change.high, change.p) == (None,) * 3
+    assert change.difference != 0
 
 
 @pytest.mark.parametrize("name", ["psnr", "PSNR", "PSNR [dB]"])

@@ -4,12 +4,15 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest, write_manifest
 from tests.support.pressed_skin import SKIN, pressed_skin
 
 from eitbench.benchmark.analysis.recording_notes import notes_of, write_notes
 from eitbench.benchmark.analysis.results import NOTES
+from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES
+from eitbench.benchmark.metrics.load import fit_load
 from eitbench.hardware.recording.exchange import write_recording
 from eitbench.scenarios import load
 from eitbench.scenarios.errors import DataUnavailableError
@@ -63,6 +66,27 @@ def test_guessing_the_mean_force_is_the_baseline_of_forces(tmp_path: Path) -> No
     error = np.median(np.abs(np.delete(forces, np.arange(0, 20, 5)) - known.mean()))
     assert found["guess_force_n"] == pytest.approx(error)
     assert found["guess_load_percent"] == pytest.approx(100 * error / known.max())
+
+
+def test_the_mean_load_is_guessed_from_the_touches_that_methods_are_fitted_on(
+    tmp_path: Path,
+) -> None:
+    n = 5 * REGISTRATION_FRAMES + 50
+    released, pressed, places = (
+        np.resize(a, (n, a.shape[1])) for a in map(np.asarray, pressed_skin(20))
+    )
+    labels = pd.DataFrame(places, columns=["x_m", "y_m"]).assign(force_N=np.arange(1.0, n + 1))
+    content = from_pairs(released, pressed, SKIN, "bench", labels)
+    write_recording(content, tmp_path / "forces.h5")
+    skin = RecordedScenario(name="forces", recording=str(tmp_path / "forces.h5"))
+    silent, tested = np.zeros(REGISTRATION_FRAMES), load(skin, "test")
+    known = load(skin, "validation", REGISTRATION_FRAMES).samples
+    fitted = fit_load(known, silent)
+    assert fitted is not None
+    error = np.median(fitted.error(np.zeros(len(tested)), tested.samples))
+    found = notes_of(skin, n)
+    assert found["guess_force_n"] == pytest.approx(error)
+    assert found["guess_load_percent"] == pytest.approx(100 * error / fitted.full_scale)
 
 
 @pytest.fixture

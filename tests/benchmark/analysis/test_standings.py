@@ -310,6 +310,21 @@ def test_gaps_between_tracks_are_those_of_the_method_and_scenario() -> None:
         assert row["tuning_gain_low"] == pytest.approx(0.25 * lower)  # each sample gains it
 
 
+def test_no_draw_may_lack_what_the_figure_compares() -> None:
+    """All untouched frames are of one session here, which a third of the draws leave out."""
+    n = 3 * MIN_CLUSTERS
+    run = run_of({"one": np.zeros(n), "other": np.zeros(n)}, np.arange(n) // 3)
+    rest = run.samples.drop(columns=["ssim", "cc", "rie", "psnr", "score", "bounded"])
+    touched = rest["sample"] >= 3
+    noise = np.random.default_rng(0).normal(1, 0.1, 2 * n)
+    samples = rest.assign(touched=touched, response=noise * np.where(touched, 100, 1))
+    (found,) = standings([replace(run, samples=samples)])
+    assert [row["ranked_by"] for row in found.rows] == ["repeatability_db"] * 2
+    assert [row["repeatability_db"] for row in found.rows] == pytest.approx([40, 40], abs=1)
+    assert (found.pairs, {row["group"] for row in found.rows}) == ([], {None})
+    assert "some draws lack frames that repeatability_db compares" in found.why_not
+
+
 def test_too_few_clusters_say_so() -> None:
     found = standing({"one": np.arange(MIN_CLUSTERS - 1.0), "other": np.arange(MIN_CLUSTERS - 1.0)})
     assert found.why_not == (

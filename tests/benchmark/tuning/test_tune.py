@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import optuna
 import pytest
+from tests.support.pressed_skin import SKIN, pressed_skin
 
 from eitbench.benchmark.rundir.plan import make_plan
 from eitbench.benchmark.tuning import tuner as tuning
@@ -27,12 +28,19 @@ from eitbench.benchmark.tuning.trials import (
 )
 from eitbench.benchmark.tuning.tuner import TuningTask, select, tune
 from eitbench.benchmark.workers.messages import Failure, WorkerLostError
+from eitbench.hardware.recording.exchange import write_recording
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_frames, phantom
 from eitbench.scenarios.errors import DataUnavailableError, InputError
 from eitbench.scenarios.guard import closed_test_split, is_closed
 from eitbench.scenarios.recordings.fetch import read_recording
-from eitbench.scenarios.suites.scenario import Scenario, SimulatedScenario, SplitNoise
+from eitbench.scenarios.recordings.files.pairs import from_pairs
+from eitbench.scenarios.suites.scenario import (
+    RecordedScenario,
+    Scenario,
+    SimulatedScenario,
+    SplitNoise,
+)
 from eitbench.scenarios.suites.suite import Suite, load_suite
 
 DATA = Path(__file__).parents[1] / "data"
@@ -273,6 +281,18 @@ def test_scenarios_of_unlike_spread_weigh_alike() -> None:
     offset, scale = validation.standard
     background = frame_figures(validation.data, np.ones((8, 16, 16), np.float32))
     assert (offset, scale) == pytest.approx((background.mean(), background.std()))
+
+
+def test_errors_of_places_count_by_how_far_touches_are_apart(tmp_path: Path) -> None:
+    released, pressed, places = pressed_skin(60)
+    content = from_pairs(released, pressed, SKIN, "bench", places)
+    write_recording(content, tmp_path / "skin.h5")
+    skin = RecordedScenario(name="skin", recording=str(tmp_path / "skin.h5"))
+    validation = Validation(skin, "noser", None, suite(skin), threading.Event())
+    validation.standardise()
+    known = places.to_numpy()[::5]  # every fifth touch is for validation
+    away = np.median(np.linalg.norm(known - known.mean(axis=0), axis=1))
+    assert validation.standard == pytest.approx((0.0, 1e3 * away))
 
 
 @pytest.mark.parametrize(
