@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -21,12 +22,18 @@ def sums_of(folder: Path) -> list[str]:
     return [_sum_of(path) for path in sorted(folder.iterdir()) if path.is_file()]
 
 
-def note_sums(folder: Path) -> None:
-    """Write the sums of a record to those of its version, in the place of earlier ones."""
-    sums = folder.parent / SUMS
+def note_sums(paths: Sequence[Path]) -> None:
+    """Add new files of one folder of a version to its sums; those that they replace go."""
+    folder = paths[0].parent
+    sums, new = folder.parent / SUMS, {path.name for path in paths}
+
+    def is_kept(name: str) -> bool:
+        of, _, file = name.partition("/")
+        return of != folder.name or (file not in new and (folder / file).is_file())
+
     noted = sums.read_text().splitlines(keepends=True) if sums.is_file() else []
-    others = [line for line in noted if not line[66:].startswith(f"{folder.name}/")]
-    atomic_write(sums, "".join([*others, *sums_of(folder)]).encode())
+    kept = [line for line in noted if is_kept(line[66:].strip())]
+    atomic_write(sums, "".join([*kept, *map(_sum_of, paths)]).encode())
 
 
 def fit_sums(folder: Path) -> bool:

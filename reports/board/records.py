@@ -121,7 +121,7 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
         if not found.empty:
             found.to_parquet(staged / ALARMS_FILE, index=False, **COMPRESSION)
     staged.rename(out)
-    note_sums(out)
+    note_sums(sorted(out.iterdir()))
     return out
 
 

@@ -44,4 +44,5 @@ def ceiling_notes(board: Sequence[Row]) -> list[str]:
 def _frames(board: Sequence[Row]) -> pd.DataFrame:
     """What is recorded of the frames of a board, which a limited run has the first of."""
     frames = recorded_frames(board[0]["scenario"], board[0]["data_hash"])
-    return frames[frames["sample"] < board[0]["data_n"]]
+    own: pd.DataFrame = frames[frames["sample"] < board[0]["data_n"]]
+    return own

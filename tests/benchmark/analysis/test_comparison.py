@@ -141,7 +141,8 @@ def test_a_figure_that_some_draws_lack_is_not_tested() -> None:
         response = np.random.default_rng(seed).normal(1, 0.1, N) * np.where(touched, 100, 1)
         samples = run.samples.drop(columns=["score", "rie"])
         runs.append(replace(run, samples=samples.assign(touched=touched, response=response)))
-    (change,) = compare(*runs).changes
+    old, new = runs
+    (change,) = compare(old, new).changes
     assert (change.figure, change.verdict) == ("repeatability_db", "too few to test")
     assert (change.low, change.high, change.p) == (None,) * 3
     assert change.difference != 0

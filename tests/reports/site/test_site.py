@@ -297,7 +297,7 @@ def board(run_builder: Any, dataset_of: Any, tmp_path: Path) -> Path:
     record = run_builder(folder / "bench").add_scaled(data, {"good": 0.7, "poor": 0.2}).write()
     with edited_manifest(record) as content:
         content["images"] = SHOWN
-    note_sums(record)
+    note_sums(sorted(record.iterdir()))
     for name, share in (("bench", 0.9), ("tank", 0.8)):
         run = run_builder(folder / "submissions" / "bench" / name)
         path = run.add_scaled(data, {"mine": share}).write()
