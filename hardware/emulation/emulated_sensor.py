@@ -64,12 +64,12 @@ class EmulatedSensor:
         self._time_s: float | None = None
         self._count = 0
 
-    def frame(self, time_s: float, touches: Sequence[Touch]) -> Array:
-        """The frame (M,) [V/A] that the board measures at `time_s` [s], under these touches.
+    def frame(self, time_s: float, touches: Sequence[Touch], frame_s: float = FRAME_S) -> Array:
+        """The frame (M,) [V/A] that the board measures from `time_s` [s], under these touches.
 
-        Times must not go backwards: the material remembers.
+        It takes `frame_s` [s]. Times must not go backwards: the material remembers.
         """
-        return self.scan(time_s, FRAME_S, [(time_s, touches)])
+        return self.scan(time_s, frame_s, [(time_s, touches)])
 
     def scan(
         self, begin_s: float, frame_s: float, course: Sequence[tuple[float, Sequence[Touch]]]

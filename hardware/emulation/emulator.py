@@ -69,7 +69,9 @@ class Emulator(Board):
         self._server = BoardServer(
             self._board.protocol,
             self.sensor,
-            lambda time_s: emulated.frame(age_s + time_s, self.touches(age_s + time_s)),
+            lambda time_s: emulated.frame(
+                age_s + time_s, self.touches(age_s + time_s), 1 / self._rate_hz
+            ),
             self._rate_hz,
         )
         self._server.start()

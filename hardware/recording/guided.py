@@ -13,6 +13,7 @@ from eitbench.hardware.board import Board, BoardError
 from eitbench.hardware.recording.loop import Status, record
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios.errors import InputError, counted
+from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.sensors.sensor import Sensor
 
 MIN_TOUCHES = 11
@@ -164,9 +165,7 @@ class GuidedSession:
         before, until = self._during(self._timing.released_s)
         if self._board.can_be_pressed:
             (contact,) = contacts
-            known = math.isfinite(contact.force_n)
-            pressure_pa = contact.force_n / (math.pi * _RADIUS_M**2) if known else _PRESSURE_PA
-            self._board.press(contact.x_m, contact.y_m, _RADIUS_M, pressure_pa)
+            self._board.press(contact.x_m, contact.y_m, _RADIUS_M, _pressure_pa(contact))
         else:
             self._ask(f"Touch {' and '.join(map(str, contacts))}, hold still, and press Enter")
         self._during(self._timing.settle_s)
@@ -219,13 +218,25 @@ class GuidedSession:
                 contacts = [_contact(part) for part in typed.split(";")]
                 for contact in contacts:
                     self._board.sensor.check_place(contact.x_m, contact.y_m)
-                if self._board.can_be_pressed and len(contacts) > 1:
-                    raise InputError("The emulated board is pressed at one place at a time.")
+                if self._board.can_be_pressed:
+                    if len(contacts) > 1:
+                        raise InputError("The emulated board is pressed at one place at a time.")
+                    _pressure_pa(contacts[0])  # it may be more than the foam's law allows
             except InputError as wrong:
                 self._say(str(wrong))
                 continue
             return contacts
         return []
+
+
+def _pressure_pa(contact: _Contact) -> float:
+    """Pressure [Pa] that presses an emulated board with the force of the contact, if it is known.
+
+    Raises:
+        InputError: it is too much.
+    """
+    known = math.isfinite(contact.force_n)
+    return FOAM.pressure_of(contact.force_n, _RADIUS_M) if known else _PRESSURE_PA
 
 
 def _contact(typed: str) -> _Contact:

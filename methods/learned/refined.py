@@ -40,6 +40,8 @@ class RefinementMethod(TrainedMethod):
         n_inputs: images that the network takes, the one to be refined among them.
         baseline: what the network gives before it is trained.
         begun_from: SHA-256 of the weights that the first images need; "" if they need none.
+        begun_gain_power: what these weights were trained with, see `gain_power`; None if there are
+            none.
     """
 
     recipe: ClassVar = Recipe(epochs=30, patience=15)
@@ -47,6 +49,7 @@ class RefinementMethod(TrainedMethod):
     n_inputs: ClassVar[int]
     baseline: ClassVar[str] = "the image that it refines"
     begun_from = ""
+    begun_gain_power: float | None = None
 
     @classmethod
     def train(cls, job: TrainingJob) -> TrainingResult:
@@ -67,12 +70,26 @@ class RefinementMethod(TrainedMethod):
                 f"The weights of {self.files.name!r} were trained for another first image than "
                 f"there is now: train them again with `{self.files.command}`."
             )
+        self.check_gain_power(float(metadata.get("gain_power", "0")))
         self.train_s += self.begun_train_s
         self._network = self.network(problem)
         torch.nn.Sequential(self._network).load_state_dict(tensors)
         self._network.eval().requires_grad_(requires_grad=False)
         self._device = "cpu"
         self._motions = motions(problem.sensor, problem.jacobian)
+
+    def check_gain_power(self, gain_power: float) -> None:
+        """Check that the first images come from differences as those it is trained with.
+
+        Raises:
+            InputError: they were trained with another power of gains.
+        """
+        if self.begun_gain_power not in (None, gain_power):
+            raise InputError(
+                f"The weights that {self.files.name!r} begins with were trained with --gain-power "
+                f"{self.begun_gain_power:g}, and its own with {gain_power:g}: train one of them "
+                "with that of the other."
+            )
 
     def network(self, problem: Problem) -> Refiner | SpreadNetwork:
         """Return a new network."""
@@ -192,6 +209,7 @@ class ContinuedMethod(RefinementMethod):
         self._first.to(device)
         self.begun_from = self.first.weights_hash(problem.sensor)
         self.begun_train_s = self._first.train_s
+        self.begun_gain_power = self._first.effective_gain_power
         self._range = problem.sensor.conductivity_range
 
     def prepare(

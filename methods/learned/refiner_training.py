@@ -87,6 +87,7 @@ def train_refiner(method_class: type[RefinementMethod], job: TrainingJob) -> Tra
     method = method_class()
     method.start(problem)
     gain_power = job.request.gain_power
+    method.check_gain_power(gain_power)
     job.check(
         limit=count, begun_from=method.begun_from, loss=job.request.loss, gain_power=gain_power
     )

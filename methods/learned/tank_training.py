@@ -13,7 +13,9 @@ from eitbench.methods.networks.class_network import ClassNetwork
 from eitbench.methods.problem import Problem, no_split
 from eitbench.methods.training.loop import Data, TrainingTask, working_precision
 from eitbench.methods.training.samples import images
+from eitbench.methods.weights.weight_files import sensor_key
 from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.public.kuopio import LEVELS, tank
 
@@ -101,6 +103,11 @@ class TankTask(TrainingTask):
 def train_tank_unet(job: TrainingJob) -> TrainingResult:
     """Train the network; see `eitbench.methods.training.train`."""
     scenario, sensor, count = job.scenario, job.sensor, job.training_count()
+    if sensor_key(sensor) != sensor_key(tank()):
+        raise InputError(
+            f"'tank-unet' is for the tank of the Kuopio challenge, and {scenario.name!r} is of the "
+            f"sensor {sensor.name!r}: name a suite that simulates the tank, such as `--suite tank`."
+        )
     job.check(limit=count)
     model = forward_model(sensor)
     untouched = model.voltages(model.background)

@@ -30,6 +30,9 @@ LEAST_SIDE_M = 2 * FOAM.thickness
 FEWEST_UNTOUCHED = 100
 """Fewer frames without a touch hold no threshold for 1 % of false alarms."""
 
+LEAST_STEP = 0.02
+"""A finer lattice has tens of thousands of touches."""
+
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(gt=0, lt=1)]
 
@@ -53,7 +56,7 @@ class Acuity(Declaration):
     untouched: int = Field(default=102, ge=FEWEST_UNTOUCHED)
     radius: Fraction = 0.06
     room: Fraction = 0.02
-    step: Fraction = 0.17
+    step: float = Field(default=0.17, ge=LEAST_STEP, lt=1)
     distances: tuple[Fraction, ...] = (0.2, 0.25, 0.3, 0.35, 0.4, 0.5)
     pair_pressure: Positive = 20000.0
 

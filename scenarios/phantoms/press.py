@@ -35,8 +35,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+from scipy.special import spence
 
 from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,33 @@ class FoamLayer:
         """
         ratios, pressures = self._inverse
         return np.interp(np.asarray(conductivity_ratio, dtype=np.float64), ratios, pressures)
+
+    def carried(self, pressure: ArrayLike, radius: float) -> Array:
+        """Force (...) [N] on a round indenter of that `radius` [m] under `pressure` (...) [Pa].
+
+        The integral of the pressure on the base, in closed form, of a layer that goes on for ever:
+        with a = e(p) / e_d it is pi r^2 p + 2 pi E e_d l (l Li_2(a) - r log(1 - a)).
+        """
+        p = np.asarray(pressure, dtype=np.float64)
+        closed = self.strain(p) / self.densification
+        beside = self.falloff * spence(1 - closed) - radius * np.log1p(-closed)
+        around = 2 * np.pi * self.modulus * self.densification * self.falloff * beside
+        return np.asarray(np.pi * radius**2 * p + around)
+
+    def pressure_of(self, force: float, radius: float) -> float:
+        """Pressure [Pa] under a round indenter that carries `force` [N], see `carried`.
+
+        Raises:
+            InputError: the law does not hold so far.
+        """
+        most = float(self.carried(PRESSURE_PA[1], radius))
+        if force > most:
+            raise InputError(
+                f"The law of the foam holds up to {PRESSURE_PA[1]:g} Pa, which is {most:.1f} N "
+                f"under an indenter of {1e3 * radius:g} mm radius, got {force:g} N."
+            )
+        ends = 0.0, PRESSURE_PA[1]
+        return float(brentq(lambda p: float(self.carried(p, radius)) - force, *ends))
 
     @cached_property
     def _inverse(self) -> tuple[Array, Array]:

@@ -284,6 +284,17 @@ def placed(
         )
     for name, row in (("first", first), ("last", last)):
         made[name] = (start + row).astype(np.int64)
+    if has_rows:
+        on = [
+            np.any((reference >= f) & (reference <= e)) for f, e in made[["first", "last"]].values
+        ]
+        if (wrong := np.array(on, dtype=bool) & has_place(table)).any():
+            k = int(np.argmax(wrong))
+            raise InputError(
+                f"Row {k + 1} of {path} is a touch on the frames {first[k]:.0f} to {last[k]:.0f}, "
+                "and the reference has some of these, of the untouched sensor: choose other frames "
+                "with --reference."
+            )
     before, until = (
         made[name].to_numpy() if name in made else np.full(len(made), -1)
         for name in ("reference_first", "reference_last")

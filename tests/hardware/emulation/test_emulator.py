@@ -16,6 +16,7 @@ from eitbench.hardware.emulation.emulator import Emulator
 from eitbench.hardware.serial.serial_board import TeensyBoard
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.imperfections.imperfections import FRAME_S
 from eitbench.scenarios.sensors.sensor import Sensor, foam16
 
 SCRIPT = """
@@ -34,9 +35,13 @@ class Sensed(EmulatedSensor):
 
     def __init__(self, sensor: Sensor, unit: int = 0) -> None:
         self.touched: list[tuple[float, list[Touch]]] = []
+        self.frame_s = set[float]()
 
-    def frame(self, time_s: float, touches: Sequence[Touch]) -> np.ndarray:
+    def frame(
+        self, time_s: float, touches: Sequence[Touch], frame_s: float = FRAME_S
+    ) -> np.ndarray:
         self.touched.append((time_s, list(touches)))
+        self.frame_s.add(frame_s)
         return np.full(208, 1.0 + len(touches))
 
 
@@ -77,6 +82,9 @@ def test_a_hand_presses_until_it_is_taken_off(sensed: None, fast: Emulator) -> N
     fast.open()
     fast.start()
     assert {f.values[0] for f in collect(fast, 0.2)} == {1.0}
+    assert isinstance(fast._emulated, Sensed)
+    # The first is made before the board is open. None begins before the one before it ends.
+    assert fast._emulated.frame_s == {FRAME_S, 1 / 50.0}
     fast.press(0.05, 0.05, 0.01, 10e3)
     collect(fast, 0.2)  # what was measured before
     assert {f.values[0] for f in collect(fast, 0.2)} == {2.0}

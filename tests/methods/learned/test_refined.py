@@ -120,6 +120,8 @@ def with_random_weights(name: str, s: Sensor, folder: Path) -> TrainedMethod:
     """A method whose networks know nothing of symmetry, ready for the sensor `s`."""
     method = create(name, weights=str(folder / f"{name}.safetensors"))
     assert isinstance(method, TrainedMethod)
+    if hasattr(method, "safeguard"):
+        method.safeguard = False  # random images would all give way to NOSER's
     torch.manual_seed(3)
     about = dict.fromkeys(TRAINED_ON, "1") | {"train_s": "5", "backbone": "unet", "begun_from": ""}
     if isinstance(method, RefinementMethod):
@@ -279,6 +281,30 @@ def test_first_images_are_those_of_the_weights_that_are_installed(
         seen.append(_inputs(LearnedGaussNewton, TINY, "cpu", method.begun_from, frames))
         np.testing.assert_array_equal(seen[-1], method.inputs(frames))
     assert np.abs(seen[0] - seen[1]).max() > 1e-3
+
+
+def test_a_method_that_continues_another_learns_from_the_same_inputs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first image would be of differences that its network never saw."""
+    monkeypatch.setattr(weight_files, "user_weights", lambda: tmp_path)
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
+    s = TINY.nominal_sensor
+    network = ImageNetwork(s, "unet")
+    about = dict.fromkeys(TRAINED_ON, "1") | {"train_s": "5", "backbone": "unet"}
+
+    def install(gain_power: str) -> None:
+        to = tmp_path / Dnn.files.file_name(s)
+        Dnn.files.save(to, s, network.state_dict(), about | {"gain_power": gain_power})
+
+    install("1.0")
+    with pytest.raises(InputError, match="were trained with --gain-power 1, and its own with 0: t"):
+        train(TrainingRequest("dnn-heteroscedastic", suite_of(tmp_path, TINY), epochs=1))
+    # Weights from before this was checked.
+    with pytest.raises(InputError, match="were trained with --gain-power 1, and its own with 0: t"):
+        with_random_weights("dnn-heteroscedastic", s, tmp_path)
+    install("0.0")
+    with_random_weights("dnn-heteroscedastic", s, tmp_path)
 
 
 def test_deviations_are_trained_by_the_crps_of_normal_distributions() -> None:

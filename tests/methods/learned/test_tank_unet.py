@@ -3,11 +3,13 @@
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from tests.support.small_sensors import TINY, suite_of
 
 from eitbench.benchmark.metrics.ktc import ktc_score
 from eitbench.methods.learned import tank_training
@@ -22,8 +24,10 @@ from eitbench.methods.learned.tank_unet import (
 from eitbench.methods.method import reconstructed
 from eitbench.methods.networks.class_network import ClassNetwork
 from eitbench.methods.problem import Problem, no_split
+from eitbench.methods.training import TrainingRequest, train
 from eitbench.scenarios.arrays import nearest_pixels
 from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.recordings.public.kuopio import tank
 from eitbench.scenarios.sensors.sensor import foam16
@@ -133,6 +137,17 @@ def test_true_classes_on_the_coarse_grid_lose_little() -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("recorded_data")
+def test_training_for_another_sensor_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
+    request = TrainingRequest("tank-unet", suite_of(tmp_path, TINY), epochs=1, limit=4)
+    with pytest.raises(
+        InputError, match="'tank-unet' is for the tank of the Kuopio challenge, and"
+    ):
+        train(request)
+
+
 def test_it_finds_the_training_targets() -> None:
     """At level 7, whose set-up is the shortest; an image without objects gets at most 0.5."""
     data = load("ktc2023-level7", "validation")

@@ -78,6 +78,8 @@ def test_noise_that_is_not_given_and_a_sensor_without_room_are_one_sentence() ->
         Acuity(pair_pressure=1e5)
     with pytest.raises(ValueError, match="at least one diameter apart"):
         Acuity(radius=0.06, distances=(0.1, 0.2, 0.3))
+    with pytest.raises(ValueError, match=r"greater than or equal to 0\.02"):
+        Acuity(step=0.001)
     outline = rectangle(0.05, 0.015)
     narrow = replace(
         sensor("foam16"), outline=outline, name="narrow",

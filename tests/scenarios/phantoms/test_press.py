@@ -1,10 +1,15 @@
 """The law of the foam: monotone, bounded, and falling off beside the indenter as stated."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from eitbench.benchmark.metrics.tactile import force
+from eitbench.scenarios.catalogue import sensor
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.families import FAMILIES
 from eitbench.scenarios.phantoms.press import FOAM, PRESSURE_PA
 
@@ -60,3 +65,21 @@ def test_noise_about_the_untouched_cancels_and_no_pressure_is_firmer_than_the_fi
     assert least == pytest.approx(PRESSURE_PA[1])
     assert beyond == pytest.approx(PRESSURE_PA[1])
     assert FOAM.pressure(5.0) == FOAM.pressure(2.1)
+
+
+@pytest.mark.parametrize("newtons", [0.5, 2.5, 8.0])
+def test_an_indenter_carries_what_the_force_of_its_image_says(newtons: float) -> None:
+    """On a sensor of fine pixels, far from its rim; and back."""
+    fine = replace(sensor("foam16"), image_shape=(800, 800))
+    radius = 0.005
+    pressure = FOAM.pressure_of(newtons, radius)
+    assert float(FOAM.carried(pressure, radius)) == pytest.approx(newtons, rel=1e-9)
+    x, y = fine.pixel_centres
+    away = np.maximum(np.hypot(x - 0.05, y - 0.05) - radius, 0)
+    image = fine.background * FOAM.pressed(pressure, away)
+    assert force(image[None], fine) == pytest.approx(newtons, rel=2e-3)
+
+
+def test_more_than_the_law_of_the_foam_holds_for_is_refused() -> None:
+    with pytest.raises(InputError, match=r"up to 60000 Pa, which is 10\.0 N .* of 5 mm"):
+        FOAM.pressure_of(40.0, 0.005)

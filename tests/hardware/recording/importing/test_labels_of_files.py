@@ -219,6 +219,24 @@ def test_wrong_sheets_are_one_sentence(
     assert not list(tmp_path.glob("*.h5"))
 
 
+def test_a_touch_on_frames_of_the_untouched_sensor_is_refused(
+    tmp_path: Path, imported: Import
+) -> None:
+    np.savetxt(tmp_path / "a.csv", VALUES, delimiter=",")
+    sheet = tmp_path / "sheet.csv"
+    sheet.write_text("frame,x_mm,y_mm\n4,1,2\n2,3,4\n")
+    with pytest.raises(
+        InputError, match=r"Row 2 of .* is a touch on the frames 2 to 2, and the ref"
+    ):
+        imported("a.csv", labels=str(sheet), reference="first:3")
+    sheet.write_text("first,last,x_mm,y_mm\n2,4,1,2\n")
+    with pytest.raises(
+        InputError, match=r"Row 1 of .* is a touch on the frames 2 to 4, and the ref"
+    ):
+        imported("a.csv", labels=str(sheet), reference="first:3")
+    assert not list(tmp_path.glob("*.h5"))
+
+
 def test_labels_inside_of_files_are_kept(tmp_path: Path, imported: Import, skin: Sensor) -> None:
     """What MATLAB keeps of an exported recording if its header is left out."""
     marks = {
