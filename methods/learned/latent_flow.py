@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from eitbench.methods.learned.image_networks import TrainedMethod
-from eitbench.methods.learned.safeguard import Safeguard
 from eitbench.methods.method import DRAWS
 from eitbench.methods.registry import register
 from eitbench.methods.training import Recipe
@@ -31,12 +30,7 @@ DRAWN = 40
 @register("latent-flow")
 @dataclass
 class LatentFlowMethod(TrainedMethod):
-    """The mean of images drawn from a conditional normalising flow over principal components.
-
-    Attributes:
-        safeguard: whether NOSER's image is taken where it explains the frame better, see
-            `Safeguard`.
-    """
+    """The mean of images drawn from a conditional normalising flow over principal components."""
 
     source: ClassVar[str] = (
         "Dinh, Sohl-Dickstein and Bengio, ICLR 2017 (real NVP); Ardizzone et al., ICLR 2019 "
@@ -45,7 +39,6 @@ class LatentFlowMethod(TrainedMethod):
     files: ClassVar = WeightFiles("latent-flow")
     recipe: ClassVar = Recipe(epochs=60, batch=128)
     options: ClassVar[tuple[str, ...]] = ("limit", "gain_power")
-    safeguard: bool = True
 
     @classmethod
     def train(cls, job: TrainingJob) -> TrainingResult:
@@ -66,7 +59,6 @@ class LatentFlowMethod(TrainedMethod):
         self._network.load_state_dict(tensors)
         self._network.eval().requires_grad_(requires_grad=False)
         self._motions = motions(problem.sensor, problem.jacobian)
-        self._safeguard = Safeguard(problem)
         # The same numbers for every frame and motion: images move with their frames.
         rng = np.random.default_rng(0)
         count = len(self._network.components)
@@ -75,26 +67,13 @@ class LatentFlowMethod(TrainedMethod):
 
     def relative(self, difference: Array) -> Images:
         """See `TrainedMethod`."""
-        return self._safe(_mean(self._drawn(difference)), difference)
+        mean: Images = self._drawn(difference).mean(axis=1).astype(np.float32)
+        return mean
 
     def uncertainty(self, voltages: Array) -> Array:
-        """Draws (n, K, H, W) [S/m] from the learned posterior of frames (n, M).
-
-        Where the image is NOSER's, they are moved there with their spread.
-        """
+        """Draws (n, K, H, W) [S/m] from the learned posterior of frames (n, M)."""
         difference = self._problem.difference(voltages, self.effective_gain_power)
-        drawn = self._drawn(difference)
-        mean = _mean(drawn)
-        drawn += (self._safe(mean, difference) - mean)[:, None]
-        return np.asarray(drawn[:, :DRAWS] * self._problem.background)
-
-    def novelty(self, voltages: Array) -> Array:
-        """See `Safeguard.novelty`; of frames (n, M)."""
-        difference = self._problem.difference(voltages, self.effective_gain_power)
-        return self._safeguard.novelty(_mean(self._drawn(difference)), difference)
-
-    def _safe(self, mean: Images, difference: Array) -> Images:
-        return self._safeguard(mean, difference) if self.safeguard else mean
+        return np.asarray(self._drawn(difference)[:, :DRAWS] * self._problem.background)
 
     def _drawn(self, difference: Array) -> Array:
         """Conductivity over background (n, D, H, W), drawn under every motion of the sensor."""
@@ -106,9 +85,3 @@ class LatentFlowMethod(TrainedMethod):
             images: Images = self._network.draws(self._normal, moved).numpy()
             found.append(motion.images_back(images))
         return 1 + np.concatenate(found, axis=1)
-
-
-def _mean(drawn: Array) -> Images:
-    """Mean (n, H, W) of draws (n, D, H, W)."""
-    mean: Images = drawn.mean(axis=1).astype(np.float32)
-    return mean

@@ -11,7 +11,6 @@ import numpy as np
 from eitbench.methods.classical.noser import Noser
 from eitbench.methods.learned.gauss_newton_update import SNR_DB, GaussNewtonUpdate
 from eitbench.methods.learned.image_networks import Dnn, DnnLarge, ImageNetworkMethod, TrainedMethod
-from eitbench.methods.learned.safeguard import REGULARISATION, Safeguard
 from eitbench.methods.registry import register
 from eitbench.methods.training import Recipe
 from eitbench.methods.weights.weight_files import WeightFiles
@@ -141,19 +140,14 @@ class RefinementMethod(TrainedMethod):
 @register("coarse-to-fine")
 @dataclass
 class CoarseToFine(RefinementMethod):
-    """A U-Net that refines NOSER's images, where that explains the frame better.
-
-    Attributes:
-        safeguard: whether NOSER's images are taken elsewhere, see `Safeguard`.
-    """
+    """A U-Net that refines coarse images: NOSER's, at three strengths of regularisation."""
 
     source: ClassVar[str] = "Hamilton and Hauptmann, IEEE Trans. Med. Imaging 37(10), 2018"
     files: ClassVar = WeightFiles("coarse-to-fine")
     n_inputs: ClassVar = 3
-    safeguard: bool = True
 
-    regularisations: ClassVar = (REGULARISATION, 0.001, 0.1)
-    """NOSER's weights, the first for the image that is refined."""
+    regularisations: ClassVar = (0.01, 0.001, 0.1)
+    """NOSER's weights, the first for the image that is refined: what suits 30 dB to clean."""
 
     def start(self, problem: Problem, device: str = "cpu") -> None:
         """See `RefinementMethod`; there is no network."""
@@ -162,17 +156,6 @@ class CoarseToFine(RefinementMethod):
         self._noser = [Noser(weight, "clausius-mossotti") for weight in self.regularisations]
         for noser in self._noser:
             noser.fit(problem)
-        self._safeguard = Safeguard(problem)
-
-    def relative(self, difference: Array) -> Images:
-        """See `TrainedMethod`; NOSER's image where the refined one explains the frame worse."""
-        learned = super().relative(difference)
-        return self._safeguard(learned, difference) if self.safeguard else learned
-
-    def novelty(self, voltages: Array) -> Array:
-        """See `Safeguard.novelty`; of frames (n, M)."""
-        difference = self._problem.difference(voltages, self.effective_gain_power)
-        return self._safeguard.novelty(super().relative(difference), difference)
 
     def inputs(self, difference: Array) -> Images:
         """See `RefinementMethod`; the other two images are taken relative to the first."""

@@ -40,8 +40,6 @@ TRAININGS = {
     "coarse-to-fine": {"epochs": 12, "loss": "log-mse"},
     "latent-flow": {"epochs": 20},
 }
-SAFEGUARDED = ("coarse-to-fine", "latent-flow")
-"""Methods of which the network's own images are judged."""
 CLASSICAL = ("greit", "noser")
 """For comparison, with the parameters that are selected on these presses."""
 
@@ -49,8 +47,7 @@ CLASSICAL = ("greit", "noser")
 def errors(name: str, **parameters: object) -> Array:
     """Errors (n,) [mm] of the validation presses; NaN where nothing is found."""
     presses, skin = read_recording(SKIN).without_test(), sensor(SKIN)
-    alone = {"safeguard": False} if name in SAFEGUARDED else {}
-    method = create(name, **{"gain_power": 1.0} | alone | parameters)
+    method = create(name, **{"gain_power": 1.0} | parameters)
     method.fit(Problem(skin, presses.reference, no_split))
     found = locate(np.minimum(method.reconstruct(presses.voltages) - skin.background, 0), skin)
     return 1e3 * registered_in_parts(found, presses.samples[["x_m", "y_m"]].to_numpy())
