@@ -120,8 +120,6 @@ def with_random_weights(name: str, s: Sensor, folder: Path) -> TrainedMethod:
     """A method whose networks know nothing of symmetry, ready for the sensor `s`."""
     method = create(name, weights=str(folder / f"{name}.safetensors"))
     assert isinstance(method, TrainedMethod)
-    if hasattr(method, "safeguard"):
-        method.safeguard = False  # random images would all give way to NOSER's
     torch.manual_seed(3)
     about = dict.fromkeys(TRAINED_ON, "1") | {"train_s": "5", "backbone": "unet", "begun_from": ""}
     if isinstance(method, RefinementMethod):
