@@ -134,10 +134,26 @@ def _compiled() -> Path:
     return Path(os.environ.get("NUMBA_CACHE_DIR") or pooch.os_cache("numba"))
 
 
+def code_folder() -> Path:
+    """The folder of eitbench's code: the repository, or the installed package."""
+    package = Path(eitbench.__file__).resolve().parent
+    in_checkout = package.parent.name == "src" and (package.parents[1] / "pyproject.toml").is_file()
+    return package.parents[1] if in_checkout else package
+
+
 def _code() -> tuple[str, ...]:
     """Return the beginnings of paths of the system, of Python and of eitbench."""
-    package = Path(eitbench.__file__).resolve().parents[2]
-    places = (sys.prefix, sys.base_prefix, package, "/usr", "/lib", "/etc", "/proc", "/sys", "/dev")
+    places = (
+        sys.prefix,
+        sys.base_prefix,
+        code_folder(),
+        "/usr",
+        "/lib",
+        "/etc",
+        "/proc",
+        "/sys",
+        "/dev",
+    )
     return tuple(f"{os.path.realpath(place)}{os.sep}" for place in places)
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from multiprocessing import util
 from pathlib import Path
 
-from eitbench.benchmark.workers.audit_hook import Watch, own_places
+from eitbench.benchmark.workers.audit_hook import Watch, code_folder, own_places
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.storage.cache_dir import cache_dir
 
@@ -130,11 +130,8 @@ def _keep_machine_code(folder: Path) -> None:
 
 def _needed() -> list[Path]:
     """Return what Python, and eitbench, are read from."""
-    import eitbench
-
-    package = Path(eitbench.__file__).resolve().parents[2]
     places = [sys.prefix, sys.base_prefix, *(place for place in sys.path if place)]
-    return [*map(Path, (*_SYSTEM, *places)), package]
+    return [*map(Path, (*_SYSTEM, *places)), code_folder()]
 
 
 def _restrict(writable: Sequence[Path], readable: Sequence[Path] | None) -> None:

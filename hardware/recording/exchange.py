@@ -11,7 +11,7 @@ import pandas as pd
 
 from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.importing.arrays import Choice
-from eitbench.hardware.recording.importing.labels import moved
+from eitbench.hardware.recording.importing.labels import check_off_reference, moved
 from eitbench.hardware.recording.importing.recording import (
     ImportOptions,
     import_files,
@@ -161,6 +161,7 @@ def _relabelled(path: Path, options: ImportOptions) -> tuple[Content, list[str]]
         labels, of_labels = relabelled(content, path, options)
         return replace(content, labels=labels), [*said, *of_labels]
     content = replace(content, labels=moved(content.labels, options.origin_mm))
+    check_off_reference(content.labels, content.reference, path)
     return content, [*said, touches(content.labels, "the file")]
 
 

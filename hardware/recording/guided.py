@@ -15,6 +15,7 @@ from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios.errors import InputError, counted
 from eitbench.scenarios.phantoms.press import FOAM
 from eitbench.scenarios.sensors.sensor import Sensor
+from eitbench.scenarios.sensors.sensor_file import toml_string
 
 MIN_TOUCHES = 11
 """Least number of touches that can be scored, as every fifth registers images."""
@@ -278,15 +279,15 @@ def write_suite(path: Path, recording: Path, sensor: Sensor, board: str, *, emul
     # The name tells an emulated board from a real one, and this recording from the public set.
     own = f"emulated-{name}" if emulated else f"own-{name}" if name == "ohmc16" else name
     text = f"""\
-name = {json.dumps(name)}
-title = {json.dumps(title)}
+name = {toml_string(name)}
+title = {toml_string(title)}
 methods = {json.dumps(SUITE_METHODS)}
 limit = 100
 
 [[scenarios]]
 kind = "recorded"
-name = {json.dumps(own)}
-recording = {json.dumps(recording.name)}
+name = {toml_string(own)}
+recording = {toml_string(recording.name)}
 
 [[scenarios]]
 kind = "recorded"

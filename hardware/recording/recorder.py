@@ -264,6 +264,11 @@ class Recorder:
             self._write(pending)
         except RecorderError as error:
             self._failure = error
+        except Exception as error:  # what is lost must not be followed by more
+            self._failure = RecorderError(
+                f"The recording {self.path} was stopped by a {type(error).__name__} ({error}): the "
+                f"{self.written} frames until then are in it."
+            )
 
     def _write(self, pending: _Pending) -> None:
         """Append and bring to the disk, in an order that leaves the file whole at every moment."""

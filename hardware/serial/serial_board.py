@@ -1,6 +1,7 @@
 """A board on a serial port, whatever protocol it speaks."""
 
 import os
+import re
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -29,6 +30,12 @@ _ANSWER_S = 1.0  # a board answers a command within this time
 _WRITE_S = 1.0  # a board takes a command within this time
 
 
+def _is_pseudo_terminal(port: str) -> bool:
+    path = Path(port).resolve()
+    # On macOS, /dev/ttys004; ports of devices are named otherwise.
+    return path.is_relative_to("/dev/pts") or bool(re.fullmatch(r"/dev/ttys\d+", str(path)))
+
+
 class SerialBoard(Board):
     """A board that speaks `protocol` on the serial port `port`.
 
@@ -48,7 +55,7 @@ class SerialBoard(Board):
 
     def __init__(self, sensor: Sensor, port: str) -> None:
         # A pseudo-terminal is taken for an emulated board, whatever firmware it reports.
-        super().__init__(sensor, emulated=Path(port).resolve().is_relative_to("/dev/pts"))
+        super().__init__(sensor, emulated=_is_pseudo_terminal(port))
         self.port = port
         self._parser = self.protocol(sensor)
         self._serial: serial.Serial | None = None

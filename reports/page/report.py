@@ -9,6 +9,7 @@ import time
 import warnings
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -144,13 +145,13 @@ def _written_findings(runs: Sequence[Run], out: Path) -> tuple[list[Finding], li
 
 def _code_links(runs: Sequence[Run], out: Path) -> dict[str, str]:
     """Return addresses of the plugins' copies in run directories, seen from `out`, by `code`."""
-    return {
-        f"{copy} in the run {run.path.name}": quote(
-            Path(os.path.relpath(run.path / copy, out)).as_posix()
-        )
-        for run in runs
-        for copy in plugin_copies(run)
-    }
+    links = {}
+    for run in runs:
+        for copy in plugin_copies(run):
+            with suppress(ValueError):  # on another drive there is no way from there
+                way = Path(os.path.relpath(run.path / copy, out))
+                links[f"{copy} in the run {run.path.name}"] = quote(way.as_posix())
+    return links
 
 
 def to_page(

@@ -64,6 +64,11 @@ class _Description(_Fields):
     pattern: _Pattern
 
 
+def toml_string(text: str) -> str:
+    """The text as a string of a TOML file, which is UTF-8: TOML has no pairs of surrogates."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
 def sensor_to_json(sensor: Sensor) -> str:
     """Return all of `sensor` with its name as JSON, without loss."""
     return json.dumps({"name": sensor.name, **sensor.describe()}, allow_nan=False)
@@ -110,7 +115,7 @@ def sensor_to_toml(sensor: Sensor, remarks: Sequence[str] = ()) -> str:
     of = sensor.electrodes
     lines = [
         *(f"# {' '.join(remark.split())}" for remark in remarks),
-        f"name = {json.dumps(sensor.name)}",
+        f"name = {toml_string(sensor.name)}",
         f"background = {float(sensor.background)!r}",
         f"image_shape = {list(sensor.image_shape)}",
         f"data_range = {float(sensor.data_range)!r}",

@@ -5,6 +5,7 @@ Libraries that take long to import are imported by the command that needs them, 
 """
 
 import errno
+import io
 import os
 import sys
 from collections.abc import Callable
@@ -110,6 +111,13 @@ app.add_typer(submission_commands.app, name="submission")
 
 def main() -> None:
     """Run the command line; every error becomes one sentence and an exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # Files and pipes are read as UTF-8; of a terminal, whatever it can show.
+            if stream.isatty():
+                stream.reconfigure(errors="replace")
+            else:
+                stream.reconfigure(encoding="utf-8")
     debug = "--debug" in sys.argv[1:]
     # Accepted anywhere, since it is added to a command that has just failed.
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
@@ -127,10 +135,13 @@ def _guarded(command: Callable[[], object], debug: bool) -> int:
         code = command()
     except typer.Abort:
         code = 130
-    except BrokenPipeError:
+    except SystemExit as end:
+        # Typer ends so after a broken pipe.
+        if not isinstance(end.__context__, BrokenPipeError):
+            raise
         # The reader (head, less) has seen enough; nothing may be flushed to it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
+        code = 0
     except KeyboardInterrupt:
         fail("Interrupted.", 130)
     except Exception as error:

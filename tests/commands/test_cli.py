@@ -1,6 +1,7 @@
 """The front door: help, listings, one sentence for every error, exit codes."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -185,6 +186,20 @@ def test_ctrl_c_and_bugs_are_one_sentence(
 
 
 def test_a_reader_that_stops_early_is_no_error() -> None:
-    program = f"{sys.executable} -m eitbench.cli list recordings --json | head -n 1"
-    done = subprocess.run(program, shell=True, capture_output=True, text=True)  # noqa: S602
-    assert (done.stdout, done.stderr) == ("[\n", "")
+    command = [sys.executable, "-m", "eitbench.cli", "list", "recordings", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as program:
+        assert program.stdout is not None
+        assert program.stderr is not None
+        program.stdout.close()  # long before it has loaded what it lists
+        assert program.stderr.read() == b""
+        assert program.wait(60) == 0
+
+
+def test_a_pipe_is_utf_8_whatever_the_locale() -> None:
+    """Windows' own encodings have no arrows, which stand in the heads of tables."""
+    record = Path(__file__).parents[2] / "reports" / "board" / "2026.2" / "quick"
+    command = [sys.executable, "-m", "eitbench.cli", "leaderboard", str(record)]
+    env = {**os.environ, "PYTHONIOENCODING": "cp1252"}
+    done = subprocess.run(command, capture_output=True, env=env)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert "↑" in done.stdout.decode()

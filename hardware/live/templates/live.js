@@ -92,6 +92,7 @@ function showSetup(message) {
   set($("sensor"), setup.sensor);
   $("emulated").hidden = !setup.emulated;
   $("method").replaceChildren(...setup.methods.map(({ name }) => new Option(name, name)));
+  methodShown = "";
   allowPresses();
   resize();
 }

@@ -285,16 +285,7 @@ def placed(
     for name, row in (("first", first), ("last", last)):
         made[name] = (start + row).astype(np.int64)
     if has_rows:
-        on = [
-            np.any((reference >= f) & (reference <= e)) for f, e in made[["first", "last"]].values
-        ]
-        if (wrong := np.array(on, dtype=bool) & has_place(table)).any():
-            k = int(np.argmax(wrong))
-            raise InputError(
-                f"Row {k + 1} of {path} is a touch on the frames {first[k]:.0f} to {last[k]:.0f}, "
-                "and the reference has some of these, of the untouched sensor: choose other frames "
-                "with --reference."
-            )
+        check_off_reference(made, reference, path)
     before, until = (
         made[name].to_numpy() if name in made else np.full(len(made), -1)
         for name in ("reference_first", "reference_last")
@@ -339,6 +330,28 @@ def without_touch(table: pd.DataFrame, files: list[FramesOf], reference: Index) 
         if not touched and not np.isin(rows, reference).all():
             names.append(file.path.name)
     return names
+
+
+def check_off_reference(labels: pd.DataFrame, reference: Index, path: Path) -> None:
+    """Check that no touch with a place is on a frame of the reference.
+
+    Args:
+        labels: with `first` and `last`, rows of the recording.
+        reference: rows that show the untouched sensor.
+        path: of what the labels are from.
+
+    Raises:
+        InputError: one is.
+    """
+    marks = labels[["first", "last"]].to_numpy()
+    on = [((reference >= first) & (reference <= last)).any() for first, last in marks]
+    if (wrong := np.array(on, dtype=bool) & has_place(labels)).any():
+        k = int(np.argmax(wrong))
+        raise InputError(
+            f"Touch {k + 1} of {path} is on the frames {marks[k, 0]} to {marks[k, 1]}, and the "
+            "reference has some of these, of the untouched sensor: choose other frames with "
+            "--reference."
+        )
 
 
 def has_place(table: pd.DataFrame) -> NDArray[np.bool_]:

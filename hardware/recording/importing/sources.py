@@ -198,6 +198,12 @@ def _table(rows: Rows) -> Arrays:
         width -= 1  # every line ends with a delimiter
     names = [name.strip('" ') for name in rows[0][1][:width]]
     named = not all(_is_number(name) for name in names) or _are_numbered(names)
+    if named and any(_is_number(name) and not name.isdecimal() for name in names):
+        wrong = next(name for name in names if not _is_number(name))
+        raise ValueError(
+            f"line {rows[0][0]} holds numbers and {wrong!r}: give the value that is missing, or a "
+            "line of names before it"
+        )
     columns = [
         np.array([cells[i] for _, cells in rows[1:]], dtype=np.str_)
         if named and names[i].lower() in TEXTS

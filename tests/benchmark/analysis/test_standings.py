@@ -313,7 +313,8 @@ def test_gaps_between_tracks_are_those_of_the_method_and_scenario() -> None:
 def test_no_draw_may_lack_what_the_figure_compares() -> None:
     """All untouched frames are of one session here, which a third of the draws leave out."""
     n = 3 * MIN_CLUSTERS
-    run = run_of({"one": np.zeros(n), "other": np.zeros(n)}, np.arange(n) // 3.0)
+    sessions = np.array([k // 3 for k in range(n)], dtype=np.float64)
+    run = run_of({"one": np.zeros(n), "other": np.zeros(n)}, sessions)
     rest = run.samples.drop(columns=["ssim", "cc", "rie", "psnr", "score", "bounded"])
     touched = rest["sample"] >= 3
     noise = np.random.default_rng(0).normal(1, 0.1, 2 * n)

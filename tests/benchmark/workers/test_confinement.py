@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 
+import eitbench
+from eitbench.benchmark.workers.audit_hook import code_folder
 from eitbench.benchmark.workers.confinement import Confinement, check_isolation, landlock_abi
 from eitbench.benchmark.workers.messages import Reply
 from eitbench.benchmark.workers.worker import Worker, serve
@@ -176,3 +178,13 @@ def test_it_cannot_ask_the_server_of_processes_for_a_free_one(
             assert free.ask("do", os.path.exists, listener, limit=60, what="it").value
             for kept in (confinement, isolated):
                 assert not in_worker(kept, os.path.exists, listener).value
+
+
+def test_an_installed_package_gives_away_no_folder_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of `pip install --target ~/libs` it would be the home folder."""
+    repository = Path(__file__).parents[3]
+    assert code_folder() == repository
+    monkeypatch.setattr(eitbench, "__file__", str(tmp_path / "libs" / "eitbench" / "__init__.py"))
+    assert code_folder() == tmp_path / "libs" / "eitbench"

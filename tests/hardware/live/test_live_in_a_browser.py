@@ -289,9 +289,13 @@ def test_an_emulated_board_is_pressed_and_switched_off(opened: Any) -> None:
 
 def test_the_server_goes_away_and_comes_back(opened: Any) -> None:
     page = opened()
+    page.page.select_option("#method", "tikhonov")
+    page.wait("document.querySelector('#method-shown').textContent === 'tikhonov'")
     page.page.evaluate("socket.close()")
     page.wait("document.querySelector('#status').dataset.kind === 'bad'")
     page.wait("document.querySelector('#status').dataset.kind === 'good'")
+    page.wait("document.querySelector('#method').value === 'tikhonov'")
+    assert "identity" in page.page.inner_text("#about")
 
 
 def test_colours_are_fixed_or_fit_the_image(opened: Any, board: Any) -> None:

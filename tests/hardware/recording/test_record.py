@@ -3,6 +3,7 @@
 import re
 import threading
 import time
+import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -246,6 +247,13 @@ def test_a_guided_session_ends_in_a_set(tmp_path: Path, board: Make) -> None:
     assert set(SUITE_METHODS) <= set(methods())
     with pytest.raises(InputError, match="exists already"):
         suite_path(path)
+
+
+def test_a_suite_of_a_recording_of_any_name_is_read(tmp_path: Path) -> None:
+    recording = tmp_path / "Fläche 😀.h5"
+    write_suite(suite_path(recording), recording, sensor("foam16"), "fake", emulated=False)
+    own, _ = tomllib.loads(recording.with_suffix(".toml").read_text("utf-8"))["scenarios"]
+    assert (own["name"], own["recording"]) == ("fl-che", recording.name)
 
 
 def test_a_board_that_can_be_pressed_is_pressed_by_the_session(

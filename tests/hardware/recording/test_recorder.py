@@ -215,6 +215,32 @@ def test_a_full_disk_is_one_sentence_and_leaves_a_readable_file(tmp_path: Path) 
     assert (condition.complete, condition.trimmed, condition.damaged) == (False, 0, ())
 
 
+def test_no_frame_follows_one_that_was_lost(
+    tmp_path: Path, skin: Sensor, frames: Frames, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever error it was lost by: labels count rows."""
+    made = frames(6)
+    recorder = Recorder(tmp_path / "a.h5", skin, "fake")
+    for frame in made[:2]:
+        recorder.append(frame)
+    recorder._take_and_write()
+
+    def fail(*_: object) -> None:
+        raise MemoryError("no room")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(recorder, "_append", fail)
+        recorder.append(made[2])
+        recorder._take_and_write()
+    with pytest.raises(RecorderError, match=r"a MemoryError \(no room\): the 2 frames until then"):
+        recorder.append(made[3])
+    with pytest.raises(RecorderError, match="MemoryError"):
+        recorder.close()
+    content, condition = read_file(tmp_path / "a.h5")
+    assert np.array_equal(content.values, [frame.values for frame in made[:2]])
+    assert not condition.complete
+
+
 @pytest.mark.parametrize("size", [100, 100_000])
 def test_a_disk_that_is_full_from_the_start_leaves_nothing(
     tmp_path: Path, skin: Sensor, size: int

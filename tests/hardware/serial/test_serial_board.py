@@ -259,3 +259,16 @@ def test_ten_times_the_rate(serve: Serve) -> None:
 @pytest.mark.nightly
 def test_ten_times_the_rate_for_a_minute(serve: Serve) -> None:
     fast(serve, 60.0)
+
+
+@pytest.mark.parametrize(
+    ("port", "emulated"),
+    [
+        ("/dev/pts/4", True), ("/dev/ttys004", True),
+        ("/dev/ttyS4", False), ("/dev/ttyACM0", False), ("/dev/cu.usbmodem1", False),
+        ("COM3", False),
+    ],
+)  # fmt: skip
+def test_boards_on_pseudo_terminals_are_emulated(port: str, emulated: bool) -> None:
+    """Those of macOS, too."""
+    assert TeensyBoard(foam16(), port).emulated == emulated

@@ -8,6 +8,7 @@ import subprocess
 import zlib
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import matplotlib as mpl
@@ -283,6 +284,17 @@ def test_a_loss_is_significant_and_a_single_method_is_not_first(
     assert "Elsewhere" not in answer(boards[0], boards)
     alone = answer(boards[2], boards)
     assert alone.startswith("On bench / s2 (12 samples), only good was run: S ")
+
+
+def test_code_on_another_drive_has_no_link(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def no_way(*_: object) -> str:
+        raise ValueError("path is on mount 'D:', start on mount 'C:'")
+
+    monkeypatch.setattr(report, "plugin_copies", lambda _: ["plugins/c0de.py"])
+    run = SimpleNamespace(path=tmp_path / "run")
+    assert list(report._code_links([run], tmp_path)) == ["plugins/c0de.py in the run run"]  # type: ignore[list-item]
+    monkeypatch.setattr("os.path.relpath", no_way)
+    assert report._code_links([run], tmp_path) == {}  # type: ignore[list-item]
 
 
 @pytest.mark.slow

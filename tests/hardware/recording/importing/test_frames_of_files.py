@@ -192,6 +192,20 @@ def test_bad_files_are_one_sentence(tmp_path: Path, imported: Import) -> None:
     assert not list(tmp_path.glob("*-out.h5"))
 
 
+@pytest.mark.parametrize("gap", ["", "--", "1.#QNAN"])
+@pytest.mark.parametrize("row", [0, 2])
+def test_a_gap_in_the_numbers_makes_no_line_of_names(
+    tmp_path: Path, imported: Import, gap: str, row: int
+) -> None:
+    """The first frame would be lost, and all labels would be one frame off."""
+    rows = [[repr(float(value)) for value in values] for values in VALUES]
+    rows[row][2] = gap
+    (tmp_path / "a.csv").write_text("\n".join(map(",".join, rows)))
+    with pytest.raises(EitbenchError):
+        imported("a.csv")
+    assert not list(tmp_path.glob("*.h5"))
+
+
 def test_files_do_not_unpack_to_more_than_they_may(tmp_path: Path) -> None:
     np.savez_compressed(tmp_path / "bomb.npz", values=np.zeros(2**26, dtype=np.uint8))
     with pytest.raises(DataCorruptError, match="claims to be much larger than the file"):

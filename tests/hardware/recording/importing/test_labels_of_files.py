@@ -226,12 +226,12 @@ def test_a_touch_on_frames_of_the_untouched_sensor_is_refused(
     sheet = tmp_path / "sheet.csv"
     sheet.write_text("frame,x_mm,y_mm\n4,1,2\n2,3,4\n")
     with pytest.raises(
-        InputError, match=r"Row 2 of .* is a touch on the frames 2 to 2, and the ref"
+        InputError, match=r"Touch 2 of .* is on the frames 2 to 2, and the reference"
     ):
         imported("a.csv", labels=str(sheet), reference="first:3")
     sheet.write_text("first,last,x_mm,y_mm\n2,4,1,2\n")
     with pytest.raises(
-        InputError, match=r"Row 1 of .* is a touch on the frames 2 to 4, and the ref"
+        InputError, match=r"Touch 1 of .* is on the frames 2 to 4, and the reference"
     ):
         imported("a.csv", labels=str(sheet), reference="first:3")
     assert not list(tmp_path.glob("*.h5"))
@@ -317,6 +317,22 @@ def test_a_recording_gets_labels_later(tmp_path: Path, imported: Import) -> None
         assert content.reference.tolist() == [0, 1]
         assert content.labels[["first", "last"]].to_numpy().tolist() == [[2, 3]]
         np.testing.assert_array_equal(content.values, VALUES)
+
+
+def test_a_recording_gets_no_reference_that_its_touches_are_on(
+    tmp_path: Path, imported: Import
+) -> None:
+    np.save(tmp_path / "a.npy", VALUES)
+    (tmp_path / "sheet.csv").write_text("first,last,x_mm,y_mm\n3,4,10,20\n")
+    imported("a.npy", labels=str(tmp_path / "sheet.csv"), reference="first:2")
+    with pytest.raises(InputError, match=r"Touch 1 of .* is on the frames 3 to 4, and the refer"):
+        import_recording(
+            [str(tmp_path / "0-out.h5")],
+            tmp_path / "b.h5",
+            None,
+            ImportOptions(reference="first:4"),
+        )
+    assert not (tmp_path / "b.h5").exists()
 
 
 def test_places_in_an_array_of_any_name_and_from_another_origin(
