@@ -68,6 +68,21 @@ def _rungs() -> str:
     return _steps(methods, _RUNGS)
 
 
+def _fitted_to_each_frame() -> str:
+    """Return B on the few touches of the methods that fit a network to each frame."""
+    samples = record("sim2real").samples
+    methods = ("cnn-pinn", "inr", "pinn", "dnn", "tv", "noser")
+    touches = samples.loc[samples["method"] == methods[0], "sample"].unique()
+    mean = (
+        samples[samples["sample"].isin(touches)].groupby(["scenario", "method"])["bounded"].mean()
+    )
+    rows = [
+        [title, *(f"{mean[rung, method]:.3f}" for method in methods)]
+        for rung, title in _RUNGS.items()
+    ]
+    return printed(["B", *(f"`{method}`" for method in methods)], rows)
+
+
 def _randomised() -> str:
     """Return B of networks that learned from the nominal sensor and from many, by rung."""
     return _steps(("dnn", "dnn-randomised"), _RUNGS | _RANDOMISED)
@@ -128,6 +143,7 @@ def _faults() -> str:
 
 TABLES = {
     "rungs": _rungs,
+    "rungs of networks per frame": _fitted_to_each_frame,
     "calibration": _calibration,
     "randomised": _randomised,
     "randomised noise": _randomised_noise,

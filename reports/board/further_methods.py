@@ -93,8 +93,9 @@ def on_frames_of(kept: Run, samples: pd.DataFrame) -> pd.DataFrame:
 
 
 def joined(run: Run, older: pd.DataFrame, newer: pd.DataFrame) -> pd.DataFrame:
-    """Rows of a table of a record that `run` has not again, and its own, by scenario."""
-    order = {scenario.name: k for k, scenario in enumerate(suite_of(run.manifest).scenarios)}
+    """Rows of a table of a record that `run` has not again, and its own, in the suite's order."""
+    suite = suite_of(run.manifest)
+    scenarios = [scenario.name for scenario in suite.scenarios]
     tables = [table for table in (older, newer) if not table.empty]
     if not tables:
         return newer
@@ -104,8 +105,15 @@ def joined(run: Run, older: pd.DataFrame, newer: pd.DataFrame) -> pd.DataFrame:
         ran = pd.MultiIndex.from_frame(newer[cell].drop_duplicates())
         again = pd.MultiIndex.from_frame(table[cell]).isin(ran)
         table = table[~again | (table.index >= len(older))]
-    table = table[table["scenario"].isin(list(order))]
-    return table.sort_values("scenario", key=lambda c: c.map(order), kind="stable")
+    table = table[table["scenario"].isin(scenarios)]
+    order = {
+        column: {name: k for k, name in enumerate(names)}
+        for column, names in zip(cell, (scenarios, suite.names), strict=True)
+    }
+    # What is of no method, as of raw voltages, comes first.
+    return table.sort_values(
+        cell, key=lambda c: c.map(order[str(c.name)]).fillna(-1), kind="stable"
+    )
 
 
 def joined_manifest(kept: Manifest, about: Manifest, same_bits: bool) -> Manifest:
