@@ -174,12 +174,12 @@ def _presses(better: float, rng: np.random.Generator) -> tuple[Array, Array]:
     return one, better * other
 
 
-@pytest.mark.slow
 def test_a_spread_that_is_not_known_shows_no_difference() -> None:
     drawn = np.array([[1.0, 1.0, 2.0], [np.nan, 1.0, 4.0]])
     assert student_t([1.5, 1.5, 0.0], drawn, 10).tolist() == [0.0, np.inf, 0.0]
 
 
+@pytest.mark.slow
 def test_signed_ranks_find_as_few_differences_by_chance_as_promised() -> None:
     rng = np.random.default_rng(8)
     trials = 1000

@@ -135,19 +135,19 @@ def test_true_classes_on_the_coarse_grid_lose_little() -> None:
     assert ktc_score(data.classes, coarse).min() > 0.97
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("recorded_data")
 def test_training_for_another_sensor_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
-    request = TrainingRequest("tank-unet", suite_of(tmp_path, TINY), epochs=1, limit=4)
+    request = TrainingRequest("tank-unet", suite_of(tmp_path, TINY), epochs=1)
     with pytest.raises(
         InputError, match="'tank-unet' is for the tank of the Kuopio challenge, and"
     ):
         train(request)
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("recorded_data")
 def test_it_finds_the_training_targets() -> None:
     """At level 7, whose set-up is the shortest; an image without objects gets at most 0.5."""
     data = load("ktc2023-level7", "validation")
