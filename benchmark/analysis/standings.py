@@ -147,7 +147,7 @@ def _standing(board: Sequence[Entry]) -> Standing:
     if np.isnan(drawn[:, :, main]).any():
         why = (
             "Intervals and ties need the figure of every draw of sessions or objects; some draws "
-            f"lack frames that {by} compares."
+            f"lack frames that the {specs[main].title.lower()} compares."
         )
         return Standing(rows, [], 0, why)
     ends = intervals(value, drawn, clusters)

@@ -136,24 +136,13 @@ def _compiled() -> Path:
 
 def code_folder() -> Path:
     """The folder of eitbench's code: the repository, or the installed package."""
-    package = Path(eitbench.__file__).resolve().parent
-    in_checkout = package.parent.name == "src" and (package.parents[1] / "pyproject.toml").is_file()
-    return package.parents[1] if in_checkout else package
+    return Path(eitbench.__path__[0]).resolve()
 
 
 def _code() -> tuple[str, ...]:
     """Return the beginnings of paths of the system, of Python and of eitbench."""
-    places = (
-        sys.prefix,
-        sys.base_prefix,
-        code_folder(),
-        "/usr",
-        "/lib",
-        "/etc",
-        "/proc",
-        "/sys",
-        "/dev",
-    )
+    system = ("/usr", "/lib", "/etc", "/proc", "/sys", "/dev")
+    places = (sys.prefix, sys.base_prefix, code_folder(), *system)
     return tuple(f"{os.path.realpath(place)}{os.sep}" for place in places)
 
 

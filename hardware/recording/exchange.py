@@ -11,7 +11,7 @@ import pandas as pd
 
 from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.importing.arrays import Choice
-from eitbench.hardware.recording.importing.labels import check_off_reference, moved
+from eitbench.hardware.recording.importing.labels import moved
 from eitbench.hardware.recording.importing.recording import (
     ImportOptions,
     import_files,
@@ -30,7 +30,7 @@ from eitbench.scenarios.recordings.files.csv_mat import (
     write_csv,
     write_mat,
 )
-from eitbench.scenarios.recordings.files.own import off_sensor, undamaged
+from eitbench.scenarios.recordings.files.own import off_sensor, on_reference, undamaged
 from eitbench.scenarios.recordings.files.pairs import from_differences
 from eitbench.scenarios.recordings.files.recording_file import Content, label_table
 from eitbench.scenarios.recordings.quality import metres_as_millimetres
@@ -94,6 +94,12 @@ def import_recording(
     """
     check_new(to)
     content, said = _imported(sources, sensor, options)
+    if (on := on_reference(content)).size:
+        first, last = content.labels.loc[on[0], ["first", "last"]]
+        raise InputError(
+            f"Touch {on[0] + 1} is on the frames {first} to {last}, and the reference has some of "
+            "these, of the untouched sensor: choose other frames with --reference."
+        )
     write_recording(content, to)
     frames = counted(len(content), "frame")
     values = f"{content.sensor.n_measurements} values of sensor {content.sensor.name!r}"
@@ -161,7 +167,6 @@ def _relabelled(path: Path, options: ImportOptions) -> tuple[Content, list[str]]
         labels, of_labels = relabelled(content, path, options)
         return replace(content, labels=labels), [*said, *of_labels]
     content = replace(content, labels=moved(content.labels, options.origin_mm))
-    check_off_reference(content.labels, content.reference, path)
     return content, [*said, touches(content.labels, "the file")]
 
 

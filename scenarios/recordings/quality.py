@@ -24,6 +24,7 @@ from eitbench.scenarios.recordings.files.own import (
     has_reference,
     impossible_label,
     off_sensor,
+    on_reference,
     outside,
 )
 from eitbench.scenarios.recordings.files.recording_file import (
@@ -344,10 +345,7 @@ def _marks(content: Content) -> list[str]:
         )
     if ((content.reference < 0) | (content.reference >= n)).any():
         problems.append("The reference names frames that are not there.")
-    pressed = content.labels["x_m"].notna().to_numpy()
-    rows = content.reference
-    taken = [((rows >= a) & (rows <= b)).any() for a, b in zip(first, last, strict=True)]
-    if (on := np.flatnonzero(pressed & np.array(taken, dtype=bool))).size:
+    if (on := on_reference(content)).size:
         problems.append(
             f"{counted(len(on), 'touch', 'touches')} on frames of the untouched sensor, the first "
             f"is label {on[0]}: frames are counted from 0."

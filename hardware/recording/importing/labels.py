@@ -284,8 +284,6 @@ def placed(
         )
     for name, row in (("first", first), ("last", last)):
         made[name] = (start + row).astype(np.int64)
-    if has_rows:
-        check_off_reference(made, reference, path)
     before, until = (
         made[name].to_numpy() if name in made else np.full(len(made), -1)
         for name in ("reference_first", "reference_last")
@@ -330,28 +328,6 @@ def without_touch(table: pd.DataFrame, files: list[FramesOf], reference: Index) 
         if not touched and not np.isin(rows, reference).all():
             names.append(file.path.name)
     return names
-
-
-def check_off_reference(labels: pd.DataFrame, reference: Index, path: Path) -> None:
-    """Check that no touch with a place is on a frame of the reference.
-
-    Args:
-        labels: with `first` and `last`, rows of the recording.
-        reference: rows that show the untouched sensor.
-        path: of what the labels are from.
-
-    Raises:
-        InputError: one is.
-    """
-    marks = labels[["first", "last"]].to_numpy()
-    on = [((reference >= first) & (reference <= last)).any() for first, last in marks]
-    if (wrong := np.array(on, dtype=bool) & has_place(labels)).any():
-        k = int(np.argmax(wrong))
-        raise InputError(
-            f"Touch {k + 1} of {path} is on the frames {marks[k, 0]} to {marks[k, 1]}, and the "
-            "reference has some of these, of the untouched sensor: choose other frames with "
-            "--reference."
-        )
 
 
 def has_place(table: pd.DataFrame) -> NDArray[np.bool_]:

@@ -156,6 +156,14 @@ def off_sensor(content: Content) -> NDArray[np.intp]:
     return np.flatnonzero(~inside & np.isfinite(places).all(axis=1))
 
 
+def on_reference(content: Content) -> NDArray[np.intp]:
+    """The labels with a place on a frame of the untouched sensor, as their numbers."""
+    marks, rows = content.labels[["first", "last"]].to_numpy(), content.reference
+    taken = [((rows >= first) & (rows <= last)).any() for first, last in marks]
+    placed = content.labels["x_m"].notna().to_numpy()
+    return np.flatnonzero(placed & np.array(taken, dtype=bool))
+
+
 def half_placed(content: Content) -> NDArray[np.intp]:
     """The labels with one coordinate alone, as their numbers."""
     known = ~np.isnan(content.labels[["x_m", "y_m"]].to_numpy(dtype=np.float64))

@@ -13,6 +13,7 @@ from eitbench.benchmark.analysis.recording_notes import notes_of, write_notes
 from eitbench.benchmark.analysis.results import NOTES
 from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES
 from eitbench.benchmark.metrics.load import fit_load
+from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.hardware.recording.exchange import write_recording
 from eitbench.scenarios import load
 from eitbench.scenarios.errors import DataUnavailableError
@@ -87,6 +88,8 @@ def test_the_mean_load_is_guessed_from_the_touches_that_methods_are_fitted_on(
     found = notes_of(skin, n)
     assert found["guess_force_n"] == pytest.approx(error)
     assert found["guess_load_percent"] == pytest.approx(100 * error / fitted.full_scale)
+    card = METRICS["measured_force_error_n"].formula
+    assert f"on the first {REGISTRATION_FRAMES} validation touches" in card
 
 
 @pytest.fixture

@@ -323,7 +323,7 @@ def test_no_draw_may_lack_what_the_figure_compares() -> None:
     assert [row["ranked_by"] for row in found.rows] == ["repeatability_db"] * 2
     assert [row["repeatability_db"] for row in found.rows] == pytest.approx([40, 40], abs=1)
     assert (found.pairs, {row["group"] for row in found.rows}) == ([], {None})
-    assert "some draws lack frames that repeatability_db compares" in found.why_not
+    assert "some draws lack frames that the repeatability compares" in found.why_not
 
 
 def test_too_few_clusters_say_so() -> None:

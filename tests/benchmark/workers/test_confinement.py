@@ -13,7 +13,12 @@ import pytest
 
 import eitbench
 from eitbench.benchmark.workers.audit_hook import code_folder
-from eitbench.benchmark.workers.confinement import Confinement, check_isolation, landlock_abi
+from eitbench.benchmark.workers.confinement import (
+    Confinement,
+    _needed,
+    check_isolation,
+    landlock_abi,
+)
 from eitbench.benchmark.workers.messages import Reply
 from eitbench.benchmark.workers.worker import Worker, serve
 from eitbench.scenarios.data.simulation import split_folder
@@ -184,7 +189,7 @@ def test_an_installed_package_gives_away_no_folder_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of `pip install --target ~/libs` it would be the home folder."""
-    repository = Path(__file__).parents[3]
-    assert code_folder() == repository
-    monkeypatch.setattr(eitbench, "__file__", str(tmp_path / "libs" / "eitbench" / "__init__.py"))
-    assert code_folder() == tmp_path / "libs" / "eitbench"
+    assert code_folder() == Path(__file__).parents[3]
+    monkeypatch.setattr(eitbench, "__path__", [str(tmp_path / "libs" / "eitbench")])
+    assert tmp_path / "libs" / "eitbench" in _needed()
+    assert not {tmp_path, tmp_path / "libs"} & {*_needed()}
