@@ -56,9 +56,13 @@ def test_a_folder_of_presses_with_a_sheet(tmp_path: Path, imported: Import) -> N
     assert "Touches: 3, all with a place" in said
     assert "Not read: 1 file of other kinds." in said
     assert "force_N" in labels
+    # The first press is no frame of the untouched sensor.
+    with pytest.raises(InputError, match="Touch 3 is on the frames 0 to 1, and the reference has"):
+        imported("presses/press*.csv", labels=folder / "places.csv", reference="first:2")
+    places[:2].to_csv(folder / "places.csv", index=False)
     again, _ = imported("presses/press*.csv", labels=folder / "places.csv", reference="first:2")
     assert again.reference.tolist() == [0, 1]
-    assert again.labels["first"].tolist() == [20, 2, 0]
+    assert again.labels["first"].tolist() == [20, 2]
 
 
 @pytest.mark.parametrize(("given", "other"), [("first", "last"), ("last", "first")])
