@@ -54,13 +54,17 @@ def publish(folder: Path, printed: str) -> Path:
 
 
 @pytest.mark.slow
-def test_from_a_key_to_the_gap_of_a_method(eitbench: Command, tmp_path: Path) -> None:
+def test_from_a_key_to_the_gap_of_a_method(
+    eitbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     try:
         check_isolation()
     except InputError as error:
         pytest.skip(str(error))
     key = tmp_path / "key"
-    code, printed, _ = eitbench("hidden", "new-key", key)
+    with monkeypatch.context() as patch:  # with one key in forty a fall is found by chance
+        patch.setattr("secrets.token_bytes", lambda count: bytes(range(count)))
+        code, printed, _ = eitbench("hidden", "new-key", key)
     assert code == 0
     board = publish(tmp_path, printed)
     assert key.read_text().strip() not in printed
