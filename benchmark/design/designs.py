@@ -181,7 +181,7 @@ def _pattern(name: str, n_electrodes: int) -> DrivePattern:
             )
         return opposition_pattern(n_electrodes)
     key, _, value = name.partition("=")
-    if key != "offset" or not value.isdecimal():
+    if key != "offset" or not value.removeprefix("-").isdecimal():
         raise InputError(
             f"Unknown pattern {name!r}: write offset=K, such as offset=3, or opposition."
         )

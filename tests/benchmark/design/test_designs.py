@@ -100,6 +100,15 @@ def test_offset_3_beats_adjacent_at_the_same_noise_in_volts(small: Sensor) -> No
     assert {len(row) for row in design_rows(table)} == {len(design_rows(table)[0])}
 
 
+def test_reversed_pairs_feel_as_much(small: Sensor) -> None:
+    """Offset -3 changes the order and the signs of the values of offset 3, not what they tell."""
+    given, reversed_ = compare(small, 60, touch=TOUCH, patterns=["offset=3", "offset=-3"])
+    assert given.maps is not None
+    assert reversed_.maps is not None
+    assert not np.array_equal(reversed_.sensor.pattern.table, given.sensor.pattern.table)
+    np.testing.assert_allclose(reversed_.maps.place, given.maps.place, rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
