@@ -315,10 +315,13 @@ def _recorded(
             "'test', or train on a simulated scenario."
         )
     # Imported here: simulated data need no download.
-    from eitbench.scenarios.recordings.fetch import read_recording
+    from eitbench.scenarios.recordings.fetch import no_untouched_frame, read_recording
 
     recorded = scenario.recorded_set
     recording = read_recording(scenario.recording, progress=progress)
+    if scenario.calibrated and recording.modelled_reference:
+        # The sensor would be found to be as it is described, whatever it is.
+        raise no_untouched_frame(f"{scenario.recording}, which is to be calibrated,")
     rows = np.flatnonzero(recording.samples["split"] == split)[:limit]
     if len(rows) == 0:
         raise InputError(f"Recorded scenario {scenario.name!r} has no {split} samples.")

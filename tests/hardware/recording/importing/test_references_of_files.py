@@ -14,10 +14,12 @@ from eitbench.hardware.recording.importing.arrays import Choice
 from eitbench.hardware.recording.importing.labels import FramesOf, as_labels, parsed, placed
 from eitbench.hardware.recording.importing.recording import ImportOptions
 from eitbench.hardware.recording.importing.unordered import unordered_frames
+from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.recordings.quality import check
+from eitbench.scenarios.suites.scenario import RecordedScenario
 
 
 def test_rows_of_a_reference_are_those_of_the_file() -> None:
@@ -121,6 +123,10 @@ def test_touches_come_with_released_frames_or_as_differences(tmp_path: Path) -> 
         scale = np.linalg.norm(changes) / np.linalg.norm(pressed - released)
         np.testing.assert_allclose(changes, scale * (pressed - released), atol=1e-9)
         np.testing.assert_array_equal(recording.samples[["x_m", "y_m"]], places)
+    # The reference of differences is modelled: it says nothing of the sensor.
+    scenario = RecordedScenario(name="mine", recording=str(path), calibrated=True)
+    with pytest.raises(InputError, match="which is to be calibrated, holds differences only"):
+        load(scenario, "test")
 
 
 def test_differences_have_neither_magnitudes_nor_a_reference(tmp_path: Path) -> None:
