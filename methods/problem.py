@@ -190,6 +190,12 @@ class Problem:
         gains = np.asarray(references @ modelled / (modelled @ modelled))
         wrong = spoiled(references, modelled, self._nominal.pattern)
         for k in map(tuple, np.argwhere(wrong.any(axis=-1))):
+            if not references[k][~wrong[k]].any():
+                raise InputError(
+                    f"No value of a reference frame can be used: {np.sum(references[k] == 0)} of "
+                    f"{len(modelled)} are zero, and the others are unlike the sensor's. Check the "
+                    "connections of its electrodes."
+                )
             sound = modelled * ~wrong[k]
             gains[k] = references[k] @ sound / (sound @ sound)
         if not (gains > 0).all():
@@ -213,7 +219,7 @@ class Problem:
                 nothing is changed.
 
         Raises:
-            InputError: a wrong number of values or a value that is not finite.
+            InputError: a wrong number of values or a value that is not finite, or a power below 0.
         """
         change = (self._frames(self._nominal, voltages) - self.reference) / self.gain
         if gain_power not in self._estimates:
@@ -282,6 +288,8 @@ class Problem:
         self, reference: Array, gain_power: float
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Gains (M,) of measurements by a reference frame, and True (M,) where no fault spoils."""
+        if not 0 <= gain_power < np.inf:
+            raise InputError(f"The power of gains is at least 0, got {gain_power}.")
         kept = ~spoiled(reference, self._modelled, self._nominal.pattern)
         return gains_of_reference(reference, self._modelled, kept) ** gain_power, kept
 

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 class CnnPinn(UsesNetwork, Pinn):
     """The image of `dnn`, refined for each frame by the networks of `pinn` (CNN + PINN).
 
-    For the attributes see `Pinn`.
+    Its image is the mean over all its `steps`, as they are one window. For the attributes see
+    `Pinn`.
     """
 
     name: ClassVar = "cnn-pinn"

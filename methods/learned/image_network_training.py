@@ -131,6 +131,7 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             f"The weight alpha of the data loss is 1, or 0 with a physical loss; got "
             f"{request.alpha} for {method.files.name!r}."
         )
+    job.check_gains()
     count = job.training_count(more=True)
     if request.unlimited:
         job.check_nominal("makes new touches of the nominal sensor in every epoch")
@@ -157,8 +158,6 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
     job.begin(network)
 
     seen = load(scenario, "validation", jobs=request.jobs, progress=request.progress)
-    # As many training samples, as measured; those to train on get their noise by augmentation.
-    compared = load(scenario, "train", min(count, scenario.train, scenario.validation))
     problem = nominal_problem(scenario)
     untouched = problem.reference
 
@@ -182,7 +181,12 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
     validation = _tensors(seen.voltages, differences(seen), seen_sigma)
     std = train[0].std(0)
     physical = None
+    compared = None
     if forward is not None:
+        # As measured; those to train on get their noise by augmentation.
+        measured = load(scenario, "train", min(count, scenario.train, scenario.validation))
+        voltages = measured.voltages
+        compared = _tensors(voltages, differences(measured), train[2][: len(measured)])
         spread = std.clamp(min=1e-6 * std.max())
         physical = PhysicalLoss(forward, torch.from_numpy(untouched).float(), spread)
     baseline = "the best linear map"
@@ -222,7 +226,7 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             "train_samples": str(count),
             "unlimited": str(int(request.unlimited or count > scenario.train)),
         },
-        compared=_tensors(compared.voltages, differences(compared), train[2][: len(compared)]),
+        compared=compared,
         renewed=simulated if request.unlimited else None,
     )
 

@@ -68,7 +68,7 @@ class Surrogate(Trainable, Operator):
         """See `Trainable`."""
         job.check()
         sensor = job.sensor
-        sigma, voltages = job.clean_samples("train", job.scenario.train)
+        sigma, voltages = job.clean_samples("train", job.training_count())
         seen_sigma, seen_voltages = job.clean_samples("validation", job.scenario.validation)
         with torch.random.fork_rng():
             torch.manual_seed(job.recipe.seed)

@@ -225,11 +225,13 @@ class TopographicMapOfSkins(TopographicMapOfSkin):
             return super()._guess(problem)
         seen, blocks = learned_from(problem.others, PRESSES_OF_A_SKIN)
         learned = _regression(compressed(seen.differences), seen.places, blocks)
-        disc = disc_of(np.concatenate([seen.places, labelled.places]))
         if len(labelled) < FEWEST:
+            disc = disc_of(np.concatenate([seen.places, labelled.places]))
             over = disc.relative(learned(compressed(problem.unlabelled)))
             return lambda frames: spread(disc.relative(learned(frames)), over), disc
         x = compressed(labelled.differences)
+        # Labelled places are in the coordinates of this skin's robot, others in the sensor's.
         register = fit_similarity(learned(x), labelled.places) or _SAME
+        disc = disc_of(np.concatenate([register(seen.places), labelled.places]))
         rest = _regression(x, labelled.places - register(learned(x)))
         return lambda frames: disc.relative(register(learned(frames)) + rest(frames)), disc

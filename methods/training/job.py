@@ -243,6 +243,18 @@ class TrainingJob:
         sigma[:, ~self.sensor.mask] = self.sensor.background
         return torch.from_numpy(sigma), torch.from_numpy(frames)
 
+    def check_gains(self) -> None:
+        """Check that training frames have gains, if such are to be taken out of them.
+
+        Raises:
+            InputError: they are of the nominal sensor, whose gains are 1.
+        """
+        if self.request.gain_power and self.scenario.training_imperfections is None:
+            raise InputError(
+                f"Training frames of scenario {self.scenario.name!r} have no gains to be taken "
+                "out: train without --gain-power, or on a scenario with `training_imperfections`."
+            )
+
     def check_nominal(self, reason: str) -> None:
         """Check that training data are of the nominal sensor, which a training needs for `reason`.
 
@@ -299,10 +311,11 @@ class TrainingJob:
         if self.begun is not None:  # what was learned before was learned, too
             before = self.begun.metadata
             seconds += float(before["train_s"])
-            count = max(int(metadata["train_samples"]), int(before["train_samples"]))
+            if before["train_data"] == self.settings["train_data"]:
+                count = max(int(metadata["train_samples"]), int(before["train_samples"]))
+                metadata = {**metadata, "train_samples": str(count)}
             metadata = {
                 **metadata,
-                "train_samples": str(count),
                 "unlimited": max(metadata.get("unlimited", "0"), before.get("unlimited", "0")),
                 "begun_weights": str(self.settings["begun_weights"]),
             }

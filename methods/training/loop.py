@@ -109,7 +109,8 @@ def fit(
         train: tensors with the training samples along their first axis.
         validation: likewise.
         settings: what else decides the result, as plain values: data, initial weights.
-        compared: training samples whose losses are to be compared with those of validation.
+        compared: training samples whose losses are shown beside those of validation, all but the
+            first, which is shown of the batches.
         renewed: gives the training samples of every epoch after the first from the number of
             epochs done; by default they are those of the first.
         device: to train on; the CPU by default.
@@ -197,7 +198,7 @@ def _epochs(
     """
     task.to(device)
     if device.type == "cuda":  # what its convolutions are fastest with
-        task.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        channels_last(task)
     train = tuple(tensor.to(device) for tensor in train)
     seen = {split: tuple(tensor.to(device) for tensor in data) for split, data in seen.items()}
     optimizer = task.optimizer()
@@ -242,6 +243,13 @@ def _epochs(
         if state.best_epoch is epoch:
             state = replace(state, best={name: t.clone() for name, t in weights.items()})
         yield state
+
+
+def channels_last(module: nn.Module) -> None:
+    """Lay the kernels of a module's convolutions out with the channels of a place side by side."""
+    for parameter in module.parameters():
+        if parameter.dim() == 4:  # spectral weights have five dimensions, which cannot be laid so
+            parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
 
 
 def _over(recipe: Recipe, state: Checkpoint) -> bool:

@@ -41,14 +41,16 @@ than the network before its first step, or whatever they are."""
 
 @dataclass(frozen=True)
 class TrainingRequest:
-    """Request to train a method or an operator; the defaults give the weights that are shipped.
+    """Request to train a method or an operator.
+
+    The card beside each file of packaged weights has the command that made it.
 
     Attributes:
         name: of the method or operator.
         suite: name, or path of a suite file.
         scenario: of the suite, to train on; by default its first with training and validation
             samples.
-        epochs: how often every training sample is seen; by default as published or as shipped.
+        epochs: how often every training sample is seen; by default those of the method.
         seed: of initial weights, order, noise and symmetries.
         limit: training samples to use; all that the scenario declares by default. A training that
             takes `unlimited` draws more if they are more.

@@ -58,7 +58,8 @@ class FittedPerFrame(Method):
     """Base of the methods that fit a network to each frame.
 
     A subclass says which network, and what it is to minimise beside the weighted total variation.
-    Adam is stopped by `MovingVariance`.
+    The image is that of `MovingVariance`, which may also stop Adam, at twice its window at the
+    earliest.
 
     Attributes:
         name: that it is registered by.

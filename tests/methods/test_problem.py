@@ -10,6 +10,7 @@ from tests.support.small_sensors import clean_problem, foam, touch
 from eitbench.methods import Method, Problem, create
 from eitbench.methods.method import reconstructed
 from eitbench.methods.problem import no_split
+from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.imperfections import Imperfections
@@ -58,6 +59,25 @@ def test_what_a_dead_electrode_spoils_of_the_reference_frame_is_the_models() -> 
     np.testing.assert_array_equal(problem.unit_reference[spoiled], frame[spoiled])
     sound = problem.reference[~spoiled] / problem.gain
     np.testing.assert_array_equal(problem.unit_reference[~spoiled], sound)
+
+
+def test_a_board_of_which_little_is_connected_is_not_said_to_have_another_order() -> None:
+    """Of values that answer all are unlike the sensor's, which says nothing of their signs."""
+    s = sensor("ohmc16")
+    problem, answers = clean_problem(s), np.isin(s.pattern.table[:, :2], [0, 1, 8, 9]).all(axis=1)
+    frame = problem.background_voltages * answers
+    with pytest.raises(InputError, match=f"{np.sum(~answers)} of {len(answers)} are zero"):
+        problem.reference = frame
+        problem.difference(frame[None])
+
+
+@pytest.mark.parametrize("power", [-1.0, np.nan, np.inf])
+def test_powers_of_gains_are_at_least_0(power: float) -> None:
+    problem = clean_problem(foam())
+    problem.reference = problem.background_voltages * 1.1
+    for found in (problem.difference, problem.as_estimated):
+        with pytest.raises(InputError, match="power of gains is at least 0"):
+            found(problem.background_voltages[None], power)
 
 
 def test_a_buffer_that_is_filled_anew_gives_another_reference_frame() -> None:

@@ -411,6 +411,8 @@ def test_it_ends_early_when_nothing_improves(
         ("surrogate", {"beta": 0.1}, "'surrogate' takes no --beta 0.1"),
         ("surrogate", {"gain_power": 0.5}, "'surrogate' takes no --gain-power 0.5"),
         ("dnn", {"gain_power": -1.0}, "The power of gains is at least 0, got -1.0"),
+        ("dnn", {"gain_power": 1.0}, "have no gains to be taken out"),
+        ("latent-flow", {"gain_power": 0.5}, "have no gains to be taken out"),
         ("dnn-randomised", {}, "'dnn' has no weights for the sensor 'foam16'"),
         ("learned-gn", {}, "'dnn' has no weights for the sensor 'foam16'"),
         ("coarse-to-fine", {"limit": 127}, "127 training samples are too few"),

@@ -14,6 +14,7 @@ from eitbench.methods.learned.image_network_training import PhysicalLoss
 from eitbench.methods.learned.linear_maps import ridge
 from eitbench.methods.networks.image_network import BACKBONES, ImageNetwork
 from eitbench.methods.training.augmentation import UNTOUCHED, Augmentation, Symmetry, symmetries
+from eitbench.methods.training.loop import channels_last
 from eitbench.scenarios.catalogue import sensor
 from eitbench.scenarios.imperfections.noise import Noise
 from eitbench.scenarios.physics.forward import forward_model
@@ -163,3 +164,16 @@ def test_the_physical_loss_is_the_published_one(name: str) -> None:
     for motion in motions:
         turned_loss = loss(motion.images(relative), motion.voltages(difference), motion)
         assert turned_loss.item() == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("backbone", BACKBONES)
+def test_kernels_are_laid_out_for_a_gpu_without_a_change_of_the_image(backbone: str) -> None:
+    """Weights of a spectral layer have five dimensions, which cannot be laid out so."""
+    network = ImageNetwork(foam((16, 16)), backbone)
+    moved(network, 0.02)
+    frames = torch.randn(3, 208, generator=torch.Generator().manual_seed(0))
+    before = network(frames)
+    channels_last(network)
+    kernels = [p for p in network.parameters() if p.dim() == 4]
+    assert all(p.is_contiguous(memory_format=torch.channels_last) for p in kernels)
+    torch.testing.assert_close(network(frames), before, rtol=1e-4, atol=1e-4)

@@ -48,14 +48,19 @@ def frames(places: Array, of: dict[str, Array], seed: int) -> Array:
     return np.asarray(draws.uniform(0.5, 2, (len(places), 1)) * clean)
 
 
-def problem(labelled: int, others: int = 0, n: int = 500) -> tuple[PlaceProblem, Array, Array]:
-    """A skin with unlabelled presses, and differences and places of 200 further ones."""
+def problem(
+    labelled: int, others: int = 0, n: int = 500, origin: Array | float = 0.0
+) -> tuple[PlaceProblem, Array, Array]:
+    """A skin with unlabelled presses, and differences and places of 200 further ones.
+
+    The robot gives the centre of the skin the coordinates `origin` [m].
+    """
     of, places, tested = skin(9, 0.5), evenly(n, 1), evenly(200, 2)
     differences = frames(places, of, 3)
     given = Learnable(
         SENSOR,
         np.ones(SENSOR.n_measurements),
-        Presses(differences[:labelled], places[:labelled]),
+        Presses(differences[:labelled], places[:labelled] + origin),
         differences,
         {
             str(k): Presses(frames(evenly(80, k), skin(k, 0.5), k), evenly(80, k))
@@ -93,6 +98,17 @@ def test_a_skin_without_labelled_presses_is_mapped_from_other_skins() -> None:
         assert register is not None
         errors[name] = error(register(found[25:]), true[25:])
     assert errors["topographic-map-skins"] < 0.6 * errors["kernel-ridge-skins"]
+
+
+def test_other_skins_help_wherever_the_robot_counts_from() -> None:
+    """Places of other skins are the sensor's, labelled ones those of this skin's robot."""
+    given, tested, true = problem(labelled=25, others=4)
+    moved = np.array([0.3, -0.2])
+    elsewhere, _, _ = problem(labelled=25, others=4, origin=moved)
+    centred = located("topographic-map-skins", given, tested)
+    found = located("topographic-map-skins", elsewhere, tested)
+    assert error(centred, true) < 4
+    assert np.abs(found - moved - centred).max() < 1e-6
 
 
 @pytest.mark.nightly

@@ -42,7 +42,7 @@ from eitbench.scenarios.suites.suite import load_suite
 WEIGHTS = "weights/"
 
 
-def tiny(pixels: int = 16, train: int = 60, name: str = "tiny") -> SimulatedScenario:
+def tiny(pixels: int = 16, train: int = 128, name: str = "tiny") -> SimulatedScenario:
     return SimulatedScenario(
         name=name,
         image_shape=(pixels, pixels),
