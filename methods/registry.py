@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from eitbench.scenarios.sensors.sensor import Sensor
 
 MAX_NAME = 80  # bytes in UTF-8
-RESERVED = "truth"  # stands beside the methods in a file of reconstructions
+RESERVED = ("truth", "ceiling")
+"""What stands beside the methods: in a file of reconstructions, and on boards."""
 FORBIDDEN = set("/\\,")  # paths inside a run directory, and the separator of --methods a,b
 
 Base = TypeVar("Base", Method, Operator, PlaceMethod)
@@ -39,7 +40,7 @@ def usable_name(name: str) -> bool:
         and not FORBIDDEN & set(name)
         and 0 < len(name.encode()) <= MAX_NAME
         and not name.startswith(".")
-        and name != RESERVED
+        and name not in RESERVED
     )
 
 
@@ -85,7 +86,8 @@ class Registry(Generic[Base]):
         if not usable_name(name):
             raise InputError(
                 f"{name!r} cannot name a {self.kind}: use 1 to {MAX_NAME} bytes of printable "
-                f"characters without slashes and commas, not {RESERVED!r} and no dot at the start."
+                "characters without slashes and commas, no dot at the start and not "
+                f"{' or '.join(map(repr, RESERVED))}."
             )
 
         def decorate(cls: AnyClass) -> AnyClass:

@@ -288,12 +288,18 @@ def _run_remote_task(data: CellData, task: RemoteTask) -> RemoteResult:
 
 
 def _deadline(seconds: float) -> Advance:
-    """Return a progress bar that stops its job after `seconds`, once a batch is stored."""
-    deadline, calls = time.monotonic() + seconds, itertools.count()
+    """Return a progress bar that stops its job `seconds` after its first batch.
+
+    What goes before that is repeated when the job is taken up again: it is not to be all there is.
+    """
+    deadline, calls = float("inf"), itertools.count()
 
     def advance(_: int) -> None:
+        nonlocal deadline
         # The first call counts what was stored before.
-        if next(calls) and time.monotonic() > deadline:
+        if (call := next(calls)) == 1:
+            deadline = time.monotonic() + seconds
+        elif call and time.monotonic() > deadline:
             raise StoppedError
 
     return advance

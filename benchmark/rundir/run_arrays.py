@@ -20,12 +20,11 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark.rundir.cells import Batch, Cell, Values
 from eitbench.benchmark.rundir.few_bytes import unpacked
-from eitbench.methods.registry import RESERVED
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError
 from eitbench.scenarios.sensors.sensor_file import MAX_PIXELS
 from eitbench.scenarios.storage.limits import own_dataset
 
-TRUTH = RESERVED
+TRUTH = "truth"  # which no method may be called
 MOST_MEASUREMENTS = 2**16
 """Of a frame."""
 MOST_BYTES = 2**32

@@ -13,7 +13,6 @@ import tempfile
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from random import SystemRandom
 from typing import Any
@@ -47,9 +46,13 @@ REPRODUCED = "reproduced.json"
 """Beside the run directories: what was run again, by digest."""
 
 ROUNDING = 1e-3
-"""Difference of images, as a share of the background, that another processor may cause."""
+"""Difference of images that another processor may cause, as a share of an image's contrast."""
+ULPS = 16 * 2.0**-24
+"""The same, as a share of the background: what float32 rounds away in a few operations."""
 STATED_APART, SHARES_APART = 0.05, 0.05
 """By how much stated figures may differ on another processor: relative, and of shares."""
+MEANS_APART = 0.2
+"""The same of their mean, as a part of what single frames may."""
 FRAMES_APART = 0.1
 """Share of frames whose stated figures may differ by more there, beside one frame."""
 SAME_STATED = 1e-6
@@ -97,14 +100,15 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     if stored is None:
         return "It holds no images."
     background = data.test.sensor.background
-    rounded_on = background if run.manifest.get("images") == ROUNDED else None
-    same, slight = _same_machine(submission), ROUNDING * background
+    rounded = run.manifest.get("images") == ROUNDED
+    same = _same_machine(submission)
+    share = 0.0 if same else ROUNDING
     ours = made["test"].values["conductivity"][samples]
-    away = _away(stored, ours, 0.0 if same else slight, rounded_on=rounded_on, exact=same)
+    away = _away(stored, ours, background, share, rounded=rounded)
     if data.validation is not None and not away.any():
         images = made["validation"].values["conductivity"]
         theirs = read_validation(run.path / METHOD_RUNS.arrays, scenario, name, images.shape)
-        away = _away(theirs, images, 0.0 if same else slight, rounded_on=None, exact=same)
+        away = _away(theirs, images, background, share, rounded=False)
     if away.any():
         reasons = [message for message in made["test"].message if message]
         return (
@@ -117,10 +121,8 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     _, alone, _ = _made(_TestFrames, replace(plan, batch=1), data, singles, isolate)
     tried = np.flatnonzero(alone["test"].status != "")
     again = alone["test"].values["conductivity"][tried]
-    allowed = SAME_FRAME * data.test.sensor.data_range
-    moved = _away(
-        stored[np.isin(samples, tried)], again, allowed, rounded_on=rounded_on, exact=False
-    )
+    theirs = stored[np.isin(samples, tried)]
+    moved = _away(theirs, again, background, SAME_FRAME, rounded=rounded)
     if moved.any():
         return (
             f"{np.count_nonzero(moved)} of {len(moved)} images are others where each frame is "
@@ -205,37 +207,37 @@ def _other_statement(theirs: pd.DataFrame, ours: pd.DataFrame, *, exact: bool) -
             of[name].to_numpy(np.float64) if name in of else np.full(len(theirs), NAN)
             for of in (theirs, ours)
         )
-        near = partial(
-            np.isclose,
-            rtol=SAME_STATED if exact else STATED_APART,
-            atol=0.0 if exact or "coverage" not in name else SHARES_APART,
-            equal_nan=True,
-        )
-        others = np.count_nonzero(~near(stated, found))
+        relative = SAME_STATED if exact else STATED_APART
+        share = 0.0 if exact or "coverage" not in name else SHARES_APART
+        near = np.isclose(stated, found, relative, share, equal_nan=True)
         allowed = 0 if exact else max(1, int(FRAMES_APART * len(found)))
-        if others > allowed or not near(stated.mean(), found.mean()):
+        # Small advantages of all frames add up; rounding goes both ways.
+        parts = MEANS_APART * relative, MEANS_APART * share
+        off = near.any() and not np.isclose(
+            stated[near].mean(), found[near].mean(), *parts, equal_nan=True
+        )
+        if off or np.count_nonzero(~near) > allowed:
             return repr(name)
     return ""
 
 
 def _away(
-    theirs: NDArray[Any],
-    ours: NDArray[Any],
-    allowed: float,
-    *,
-    rounded_on: float | None,
-    exact: bool,
+    theirs: NDArray[Any], ours: NDArray[Any], background: float, share: float, *, rounded: bool
 ) -> NDArray[np.bool_]:
-    """Mask (n,) of images (n, H, W) that differ by more than `allowed` [S/m].
+    """Mask (n,) of images (n, H, W) [S/m] that differ by more than a `share` of our contrast.
+
+    Places and correlations are the same at any scale: a weak image is compared as closely.
 
     Args:
-        rounded_on: the background [S/m] where theirs were rounded, see `rounded_images`; else None.
-        exact: true if ours are the same numbers before that.
+        share: of the largest contrast of each of our images; 0 if they are to be the same numbers.
+        rounded: theirs were, see `rounded_images`.
     """
-    slack: NDArray[Any] = np.full((len(ours), 1, 1), allowed)
-    if rounded_on is not None:
-        ours, steps = rounded_images(ours, rounded_on)
-        slack = slack if exact else slack + NEIGHBOURS * steps
+    contrast = np.abs(ours.astype(np.float64) - background)
+    largest = contrast.max(axis=(1, 2), keepdims=True, where=np.isfinite(contrast), initial=0.0)
+    slack = (share * largest + ULPS * background) * (share > 0)
+    if rounded:
+        ours, steps = rounded_images(ours, background)
+        slack = slack + NEIGHBOURS * steps * (share > 0)
     same = (np.abs(theirs - ours) <= slack) | (theirs == ours) | (np.isnan(theirs) & np.isnan(ours))
     return np.asarray(~same.all(axis=(1, 2)))
 

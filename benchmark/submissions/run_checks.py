@@ -31,7 +31,7 @@ from eitbench.benchmark.rundir.store import SAMPLES, TRACKS
 from eitbench.benchmark.rundir.tables import columns_of, metadata_of
 from eitbench.benchmark.submissions.statement import STATEMENT, read_statement, unfilled
 from eitbench.benchmark.submissions.submission import FILES, FOLDER, Submission
-from eitbench.methods.registry import METHOD_REGISTRY, usable_name
+from eitbench.methods.registry import METHOD_REGISTRY, RESERVED, registries, usable_name
 from eitbench.scenarios.errors import EitbenchError
 from eitbench.scenarios.storage.files import sha256_of
 from eitbench.scenarios.suites.suite import load_suite, suites
@@ -146,7 +146,8 @@ def names_its_version(of: Submission) -> str:
 def names_are_clear(of: Submission) -> str:
     """A name of a method is ours, or looks like another one."""
     registered = METHOD_REGISTRY.known()
-    known = {folded(name): name for name in registered}
+    every = {name for registry in registries() for name in registry.known()} | {*RESERVED}
+    known = {folded(name): name for name in every}
     for name in of.plan.names:
         if not usable_name(name):
             return f"{name!r} cannot name a method."
@@ -158,6 +159,8 @@ def names_are_clear(of: Submission) -> str:
                 f"{name!r} is a method of eitbench, which the board has already: run the suite "
                 "with your method alone (--methods)."
             )
+        if name in every and name not in registered:
+            return f"{name!r} is what eitbench calls something else: choose another name."
         if known.setdefault(folded(name), name) != name:
             return f"{name!r} looks like {known[folded(name)]!r}: choose another name."
     return _taken_by_another(of)

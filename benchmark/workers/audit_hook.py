@@ -162,6 +162,7 @@ def _hook(
     test_data = os.path.realpath(split_folder("test")) + os.sep
 
     def note(kind: Kind, what: str) -> None:
+        what = plain_text(what)  # or a few long names would leave no place for other notes
         if what in known[kind] or len(known[kind]) >= MAX_NOTES:
             return
         known[kind].add(what)

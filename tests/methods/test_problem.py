@@ -64,11 +64,12 @@ def test_what_a_dead_electrode_spoils_of_the_reference_frame_is_the_models() -> 
 def test_a_board_of_which_little_is_connected_is_not_said_to_have_another_order() -> None:
     """Of values that answer all are unlike the sensor's, which says nothing of their signs."""
     s = sensor("ohmc16")
-    problem, answers = clean_problem(s), np.isin(s.pattern.table[:, :2], [0, 1, 8, 9]).all(axis=1)
-    frame = problem.background_voltages * answers
-    with pytest.raises(InputError, match=f"{np.sum(~answers)} of {len(answers)} are zero"):
-        problem.reference = frame
-        problem.difference(frame[None])
+    answers = np.isin(s.pattern.table[:, :2], [0, 1, 8, 9]).all(axis=1)
+    problem = clean_problem(s)
+    problem.reference = problem.background_voltages * answers
+    said = f"{np.sum(~answers)} of {s.n_measurements} are zero"
+    with pytest.raises(InputError, match=said):
+        problem.difference(problem.reference[None])
 
 
 @pytest.mark.parametrize("power", [-1.0, np.nan, np.inf])

@@ -18,9 +18,12 @@ import pytest
 from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.run import method_cell
 from eitbench.benchmark.run.runner import make_plan, start_run
+from eitbench.benchmark.rundir.run_arrays import rounded_images
 from eitbench.benchmark.submissions import run_checks
 from eitbench.benchmark.submissions.check import CHECKS, check_submission
 from eitbench.benchmark.submissions.rerun import (
+    ROUNDING,
+    _away,
     _other_statement,
     digest,
     drawn_batches,
@@ -351,6 +354,9 @@ def copy_the_truth(run: Path, method: str = "my-noser") -> None:
         (edit_json(lambda m: m["versions"].update(eitbench="0.0.1")), RELEASE, ""),
         (edit_json(lambda m: m.update(git_commit=None)), RELEASE, ""),
         (another_name("n0ser"), NAMES, "'n0ser' looks like 'noser'"),
+        (another_name("kernel-ridge"), NAMES, "'kernel-ridge' is what eitbench calls something"),
+        (another_name("Jacob1an"), NAMES, "'Jacob1an' looks like 'jacobian'"),
+        (another_name("ceiling"), NAMES, "'ceiling' cannot name a method"),
         (another_name("n\u043eser"), NAMES, "is not ASCII"),
         (another_name("noser"), NAMES, "'noser' is a method of eitbench"),
         (another_name("theirs"), ROWS, "'theirs' was not run on 'tiny'"),
@@ -550,9 +556,30 @@ def test_stated_figures_are_compared_frame_by_frame(exact: bool) -> None:
     batches = ours["novelty"].groupby(np.arange(64) // 32).transform("mean")
     assert _other_statement(ours.assign(novelty=batches), ours, exact=exact) == "'novelty'"
     better = ours.assign(crps=0.97 * ours["crps"])
-    assert _other_statement(better, ours, exact=exact) == ("'crps'" if exact else "")
+    assert _other_statement(better, ours, exact=exact) == "'crps'"  # in all frames, and its mean
+    some = ours.assign(crps=ours["crps"].where(np.arange(64) % 8 > 0, 0.97 * ours["crps"]))
+    assert _other_statement(some, ours, exact=exact) == ("'crps'" if exact else "")
     elsewhere = ours.assign(novelty=ours["novelty"] * rng.uniform(0.97, 1.03, 64))
     assert _other_statement(elsewhere, ours, exact=False) == ""
+
+
+@pytest.mark.parametrize("contrast", [4e-4, 0.02, 0.5])
+@pytest.mark.parametrize("share", [0.0, ROUNDING])
+def test_images_are_compared_on_their_own_scale(contrast: float, share: float) -> None:
+    """A place does not depend on the contrast: a blob elsewhere is found however weak it is."""
+    background = 0.7
+    y, x = np.mgrid[:40, :40]
+    here, there = (np.exp(-((x - c) ** 2 + (y - 20) ** 2) / 20.0) for c in (10, 30))
+    ours, invented = (
+        (background * (1 - contrast * blob[None])).astype(np.float32) for blob in (here, there)
+    )
+    for rounded in (False, True):
+        stored = (rounded_images(of, background)[0] if rounded else of for of in (ours, invented))
+        same, other = (_away(of, ours, background, share, rounded=rounded) for of in stored)
+        assert not same.any()
+        assert other.all()
+    nearly = np.nextafter(ours, np.float32(np.inf))  # the last bit, as of another processor
+    assert _away(nearly, ours, background, share, rounded=False).all() == (share == 0)
 
 
 @pytest.mark.slow

@@ -15,6 +15,12 @@ pytestmark = pytest.mark.slow
 # Each program runs in a process of its own, in a folder with `file`, `folder/` and `open`, a
 # descriptor of `folder`.
 WRITES = {
+    "after many long names": """
+for k in range(40):
+    with contextlib.suppress(OSError):
+        open("/" + chr(97 + k % 26) * (100_000 + k))
+open("new", "w")
+""",
     "open": "open('new', 'w')",
     "append": "open('file', 'ab')",
     "update": "open('file', 'r+')",
