@@ -18,6 +18,7 @@ from eitbench.benchmark.analysis.results import (
 from eitbench.benchmark.ceiling.record import below_ceiling
 from eitbench.benchmark.metrics.aggregation import aggregate, numbers
 from eitbench.benchmark.metrics.statistics import once
+from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.kinds import RunKind
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.datasets import SNR_COLUMNS
@@ -159,7 +160,7 @@ def _repeats(entry: Entry, other: Entry) -> bool:
 
 
 def made_with(entry: Entry) -> tuple[Any, ...]:
-    """Return what a method's results are made with: name, track, parameters, weights, plugin."""
+    """Return what a method's results are made with: name, track, parameters, weights, code."""
     kind, about = entry.run.kind, entry.run.manifest
     name, scenario = entry.row[kind.name], entry.row["scenario"]
     settings = ("variant", "track", "parameters", "weights")
@@ -168,9 +169,8 @@ def made_with(entry: Entry) -> tuple[Any, ...]:
         for cell in about["cells"]
         if (cell.get("scenario"), cell.get("name")) == (scenario, name)
     ]
-    plugins = about["plan"]["plugins"]
-    code = [plugin["sha256"] for plugin in plugins if name in plugin["names"]]
-    return name, [entry.row[label] for label in kind.labels], cells, code
+    labels = [entry.row[label] for label in kind.labels]
+    return name, labels, cells, manifests.code_of(about, name)
 
 
 def boards(rows: Sequence[Row]) -> list[list[Row]]:

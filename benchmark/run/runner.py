@@ -188,11 +188,19 @@ def resume_run(
         calm_ms: as for `start_run`.
 
     Raises:
-        InputError: `run` is no run directory, belongs to another suite, plugin or data, or another
-            process works in it.
+        InputError: `run` is no run directory, belongs to another suite, plugin or data, another
+            process works in it, or it is of a hidden set and `suite` is not drawn with its key.
         RunInterruptedError, EitbenchError: as for `start_run`.
     """
-    _, plan = read_resumable(run)
+    manifest, plan = read_resumable(run)
+    if hidden := manifest.get("hidden"):
+        if suite is None or hidden_key(suite) != hidden:
+            raise InputError(
+                f"{run} is of a hidden set, and does not hold its key: continue it with the "
+                "`eitbench hidden run` that began it."
+            )
+        if suite.model_dump() == plan.suite.model_dump():
+            plan = plan.model_copy(update={"suite": suite})
     if suite is not None and suite != plan.suite:
         raise InputError(
             f"{run} was started with suite {plan.suite.name!r} as it was then, which differs from "
@@ -299,16 +307,7 @@ def _new_manifest(plan: Plan, data: dict[str, CellData], lost: Lost, jobs: int) 
         "seeds": {"methods": SEED},
         "plan": plan.model_dump(mode="json"),
         **({"hidden": hidden} if (hidden := hidden_key(plan.suite)) else {}),
-        "data": {
-            name: {
-                "hash": there.test.data_hash,
-                "inverse_crime": there.test.inverse_crime,
-                "n": len(there.test),
-                "truth": there.test.truth,
-                "sensor": there.test.sensor.name,
-            }
-            for name, there in data.items()
-        },
+        "data": {name: manifests.about_data(there.test) for name, there in data.items()},
         **lost,
         "cells": [
             entry
@@ -386,7 +385,7 @@ def _execute(
         "finished": manifests.now() if ended else None,
     }
     store.write_manifest(manifest)
-    again = manifests.resume_command(store.path)
+    again = _again(plan.suite, store.path)
     if limit.reached and unfinished and not interrupted:
         return replace(
             _result(store.path, manifest),
@@ -399,6 +398,11 @@ def _execute(
         raise UnfinishedError(f"{_unfinished(unfinished, len(cells))}.", again)
     store.remove_parts()
     return _result(store.path, manifest)
+
+
+def _again(suite: Suite, run: Path) -> str:
+    """The command that continues a run; that of a hidden set is given the key once more."""
+    return manifests.command_line() if hidden_key(suite) else manifests.resume_command(run)
 
 
 def _unfinished(n: int, cells: int) -> str:
@@ -453,7 +457,7 @@ def _run_cells(
     errors = [future.exception() for future in futures if not future.cancelled()]
     for error in errors:
         if isinstance(error, EitbenchError):
-            raise UnfinishedError(str(error), manifests.resume_command(store.path)) from error
+            raise UnfinishedError(str(error), _again(cells[0].suite, store.path)) from error
         if error is not None and not isinstance(error, StoppedError):
             raise error
     return True

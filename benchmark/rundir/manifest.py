@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import eitbench
 from eitbench.benchmark.rundir.folder import check_folder, read_json_file
+from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.suites.suite import Suite
 
@@ -260,6 +261,24 @@ def suite_of(manifest: Manifest) -> Suite:
             "The manifest describes its suite in a way that this version of eitbench does not "
             "read: run the suite again."
         ) from error
+
+
+def about_data(test: Dataset) -> dict[str, Any]:
+    """What a manifest says of the test frames of a scenario."""
+    return {
+        "hash": test.data_hash,
+        "inverse_crime": test.inverse_crime,
+        "n": len(test),
+        "truth": test.truth,
+        "sensor": test.sensor.name,
+    }
+
+
+def code_of(manifest: Manifest, name: str) -> str:
+    """SHA-256 (hex) of the file that a method of somebody else was in; "" for one of ours."""
+    plan = manifest["plan"]
+    files = [plugin["sha256"] for plugin in plan["plugins"] if name in plugin["names"]]
+    return str(files[0] if files else plan.get("installed", {}).get(name, ""))
 
 
 def resume_command(run: Path) -> str:

@@ -26,6 +26,7 @@ from eitbench.benchmark.findings.uncertainty import stored_curves
 from eitbench.benchmark.metrics.evaluation import fit_calibration, fit_registration
 from eitbench.benchmark.metrics.load import LoadCalibration
 from eitbench.benchmark.metrics.uncertainty import LEVELS, coverages
+from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import read_validation
@@ -54,7 +55,7 @@ def frames_are_ours(of: Submission) -> str:
     run, cells = of.run, cells_of(of.run.samples)
     for name, ours in of.data.items():
         data = ours.test
-        if run.manifest["data"][name]["hash"] != data.data_hash:
+        if run.manifest["data"][name] != manifests.about_data(data):
             return f"The data of {name!r} are not those of this version of eitbench."
         for (scenario, method), ordered in cells.items():
             if scenario != name:

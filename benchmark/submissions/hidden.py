@@ -31,6 +31,7 @@ from eitbench.benchmark.metrics.statistics import (
     once,
     student_t,
 )
+from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.scenarios.arrays import Array
@@ -84,7 +85,7 @@ class Gap(Declaration):
 
     Attributes:
         scenario, method: names.
-        code: SHA-256 (hex) of the method's plugin; "" of a method of eitbench.
+        code: SHA-256 (hex) of the file of the method; None of a method of eitbench.
         figure: the figure that ranks the scenario.
         n: number of samples of each set.
         clusters: the fewest that are independent in one of the two.
@@ -284,12 +285,10 @@ def _gap(open_entry: Entry, hidden_entry: Entry) -> Gap:
         low, high = map(float, intervals(np.asarray(difference), differences, clusters))
         t = float(student_t(difference, differences, clusters))
         p = float(2 * special.stdtr(clusters - 1, -abs(t)))
-    plugins = open_entry.run.manifest["plan"]["plugins"]
-    code = [file["sha256"] for file in plugins if rows[0]["method"] in file["names"]]
     return Gap(
         scenario=rows[0]["scenario"],
         method=rows[0]["method"],
-        code=code[0] if code else None,
+        code=manifests.code_of(open_entry.run.manifest, rows[0]["method"]) or None,
         figure=by,
         n=len(open_entry.cell),
         clusters=clusters,
@@ -353,9 +352,18 @@ def write_hidden(record: HiddenRecord, version: Path) -> Path:
     """Keep the record in the folder of a version of the leaderboard, beside earlier ones.
 
     Raises:
-        InputError: one of its gaps is there already, or its key is published.
+        InputError: one of its gaps is there already, its key is published, or the hash of its key
+            is not, for this suite and version.
     """
-    if is_retired(published_keys(version), record.key):
+    keys = published_keys(version)
+    wanted = version.resolve().name, record.suite, record.key
+    if wanted not in {(of.version, of.suite, of.sha256) for of in keys}:
+        raise InputError(
+            f"The key of this hidden set was not published for suite {record.suite!r} in version "
+            f"{wanted[0]}: figures are kept of keys whose hash was published before, in "
+            f"{version.resolve().parent / KEYS}."
+        )
+    if is_retired(keys, record.key):
         raise InputError(
             f"The key of this hidden set of {record.suite!r} is published, so that anybody could "
             "prepare a method for it: figures that are kept need a new key."
@@ -406,7 +414,7 @@ def gap_of(records: Iterable[HiddenRecord], run: Run, scenario: str, method: str
     with other parameters, weights or a newer package it has another.
     """
     plan, data = run.manifest["plan"], run.manifest["data"][scenario]["hash"]
-    code = next((file["sha256"] for file in plan["plugins"] if method in file["names"]), None)
+    code = manifests.code_of(run.manifest, method) or None
     suite = plan["suite"]["name"]
     for record in records:
         if record.suite != suite or record.data.get(scenario, ("", ""))[0] != data:

@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from eitbench.benchmark.submissions import run_checks
@@ -77,6 +78,20 @@ def test_from_a_key_to_the_gap_of_a_method(
     assert "keep it as secret as the key" in out
     manifest = json.loads((tmp_path / "hidden" / "manifest.json").read_text())
     assert manifest["hidden"] in (board / "hidden.toml").read_text()
+
+    # As if it had been stopped before its first cell: the same frames are drawn again.
+    stopped = manifest | {"status": "interrupted", "finished": None}
+    seen = ["sample", "input_hash", "psnr"]
+    before = pd.read_parquet(tmp_path / "hidden" / "samples.parquet")[seen]
+    (tmp_path / "hidden" / "manifest.json").write_text(json.dumps(stopped))
+    code, _, err = eitbench("run", "--resume", tmp_path / "hidden")
+    assert code == 2
+    assert "does not hold its key: continue it with the `eitbench hidden run` that began" in err
+    code, _, err = eitbench("hidden", "run", "quick", *options, "--out", tmp_path / "hidden")
+    assert code == 0, err
+    assert json.loads((tmp_path / "hidden" / "manifest.json").read_text())["status"] == "finished"
+    after = pd.read_parquet(tmp_path / "hidden" / "samples.parquet")[seen]
+    pd.testing.assert_frame_equal(after, before)
 
     gap = ("hidden", "gap", tmp_path / "open", tmp_path / "hidden")
     code, out, err = eitbench(*gap, "--record", board / VERSION)

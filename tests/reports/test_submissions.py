@@ -408,6 +408,9 @@ def test_a_submission_rises_from_tier_to_tier(folder: Path) -> None:
 
     board = folder.parents[2]
     other = record_of(found, "0" * 64)  # of other code
+    (board.parent / "hidden.toml").write_text(
+        f'[[keys]]\nversion = "{board.name}"\nsuite = "mine"\nsha256 = "{other.key}"\n'
+    )
     write_hidden(other, board)
     assert tier(found, "n", "gentle").tier == "reproduced"
     (board / "hidden" / "mine-1.json").unlink()

@@ -32,7 +32,13 @@ def new_key(
 def run(
     suite: Annotated[str, typer.Argument(help="A packaged suite (eitbench list suites).")],
     key: Annotated[Path, typer.Option(metavar="FILE", help="The secret key.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="New folder, kept secret like the key.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="DIR",
+            help="Folder, kept secret like the key; an interrupted run in it goes on.",
+        ),
+    ],
     methods: Annotated[
         str | None, typer.Option(metavar="A,B", help="Run these methods only.")
     ] = None,
@@ -49,11 +55,12 @@ def run(
     """Run methods on touches, units of the sensor and noise that nobody else can draw.
 
     Methods are isolated: they have no network and cannot read the key. Training and validation data
-    are those of the open suite. The run holds the true images, so it stays with the key; `eitbench
-    hidden gap` makes what is published.
+    are those of the open suite. The same command continues a run that was stopped. The run holds
+    the true images, so it stays with the key; `eitbench hidden gap` makes what is published.
     """
     from eitbench.benchmark.run.progress import RunProgress
-    from eitbench.benchmark.run.runner import make_plan, start_run
+    from eitbench.benchmark.run.runner import make_plan, resume_run, start_run
+    from eitbench.benchmark.rundir.manifest import FILE_NAME
     from eitbench.benchmark.submissions.hidden import KEYS, hidden_suite, read_key
     from eitbench.benchmark.workers.confinement import check_isolation, check_unreadable
     from eitbench.scenarios.data.simulation import split_folder
@@ -73,7 +80,11 @@ def run(
         plugins=plugin or (),
         isolate=True,
     )
-    result = start_run(plan, out, jobs=jobs, isolate=True, progress=RunProgress())
+    progress = RunProgress()
+    if (out / FILE_NAME).is_file():
+        result = resume_run(out, suite=plan.suite, jobs=jobs, isolate=True, progress=progress)
+    else:
+        result = start_run(plan, out, jobs=jobs, isolate=True, progress=progress)
     for sentence in (*result.skipped, *result.refused):
         warn(sentence)
     typer.echo(f"Run: {result.path}")

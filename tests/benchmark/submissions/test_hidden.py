@@ -279,9 +279,15 @@ def test_who_knows_the_open_frames_falls_and_who_does_not_stays(runs: tuple[Run,
 def test_a_record_is_kept_once_and_found_for_the_same_code_alone(
     runs: tuple[Run, Run], tmp_path: Path
 ) -> None:
-    record = hidden_record(*runs)
-    path = write_hidden(record, tmp_path)
-    assert read_hidden(tmp_path) == [record]
+    record, version = hidden_record(*runs), tmp_path / "2026.1"
+    published(tmp_path, OTHER)
+    with pytest.raises(InputError, match=r"not published for suite \'mine\' in version 2026\.1"):
+        write_hidden(record, version)
+    published(tmp_path)
+    with pytest.raises(InputError, match=r"not published for suite \'mine\' in version 2026\.2"):
+        write_hidden(record, tmp_path / "2026.2")
+    path = write_hidden(record, version)
+    assert read_hidden(version) == [record]
     text = path.read_text()
     assert KEY.hex() not in text
     assert record.key in text
@@ -303,22 +309,22 @@ def test_a_record_is_kept_once_and_found_for_the_same_code_alone(
     tuned = replace(runs[0], samples=runs[0].samples.assign(score=score + 0.01))
     assert gap_of([record], tuned, "n", "memory") is None  # of other parameters or weights
     with pytest.raises(InputError, match="figures are never edited"):
-        write_hidden(record, tmp_path)
+        write_hidden(record, version)
     later = record.gaps[0].model_copy(update={"method": "later"})
     more = record.model_copy(update={"gaps": (later,)})
-    assert write_hidden(more, tmp_path).name == "mine-2.json"
+    assert write_hidden(more, version).name == "mine-2.json"
     tenth = more.model_copy(update={"made": "2027-01-01"})
     path.with_name("mine-10.json").write_text(tenth.model_dump_json())
-    assert read_hidden(tmp_path) == [record, more, tenth]
+    assert read_hidden(version) == [record, more, tenth]
     last = tenth.gaps[0].model_copy(update={"method": "last"})
-    assert write_hidden(more.model_copy(update={"gaps": (last,)}), tmp_path).name == "mine-11.json"
+    assert write_hidden(more.model_copy(update={"gaps": (last,)}), version).name == "mine-11.json"
     for number in (10, 11):
         path.with_name(f"mine-{number}.json").unlink()
     with pytest.raises(InputError, match="figures are never edited"):
-        write_hidden(more, tmp_path)
+        write_hidden(more, version)
     path.write_text(text.replace('"falls":true', '"falls":7').replace('"falls": true', '"falls":7'))
     with pytest.raises(DataCorruptError, match="is damaged"):
-        read_hidden(tmp_path)
+        read_hidden(version)
 
 
 @pytest.mark.slow
@@ -332,6 +338,11 @@ def test_what_cannot_be_compared_is_named(runs: tuple[Run, Run]) -> None:
     edited = replace(one, manifest=one.manifest | {"cells": cells})
     with pytest.raises(InputError, match="other parameters, weights or code"):
         hidden_record(edited, other)
+    name = one.manifest["plan"]["names"][0]
+    plan = one.manifest["plan"] | {"plugins": [], "installed": {name: "a" * 64}}
+    package = replace(one, manifest=one.manifest | {"plan": plan})
+    with pytest.raises(InputError, match="other parameters, weights or code"):
+        hidden_record(package, other)
     fewer = replace(one, samples=one.samples[one.samples["sample"] < 12])
     with pytest.raises(InputError, match="has 12 open samples and 36 hidden ones"):
         hidden_record(fewer, other)
