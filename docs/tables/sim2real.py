@@ -14,7 +14,7 @@ _RUNGS = {
     "sim2real-slab": "slab in three dimensions",
     "sim2real-contact-impedance": "uneven contact impedances",
     "sim2real-gain": "gains off by 1 %",
-    "sim2real-quantisation": "16 bits",
+    "sim2real-quantisation": "16 bits, clipped",
     "sim2real-electrode-shift": "electrodes off by 0.5 mm",
     "sim2real-drift": "conductivity drifts by 1 %",
     "sim2real-relaxation": "5 % of the last touch is left",

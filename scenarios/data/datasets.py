@@ -165,8 +165,8 @@ def load(
         data = _recorded(scenario, cast("Split", split), limit, progress)
     else:
         data = _simulated(scenario, cast("Split", split), limit, jobs, progress)
-        if split != "test":
-            return data  # of the nominal sensor
+        if split == "train" or (split == "validation" and scenario.ladder):
+            return data  # of the nominal sensor, or of units with their faults
     return _calibrated(data, jobs, progress) if scenario.calibrated else data
 
 

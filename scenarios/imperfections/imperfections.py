@@ -40,7 +40,9 @@ MAINS_OFF_HZ = 0.02
 """Standard deviation of the grid from `MAINS_HZ` [Hz], which is within 0.05 Hz nearly always (the
 standard frequency range of Regulation (EU) 2017/1485, annex III). Without it the hum would be the
 same in all frames that are whole periods apart, and differences to a reference would have none."""
-HEADROOM = 1.25  # full scale of the converter over the greatest value of the untouched sensor
+HEADROOM = 1.25
+"""Full scale of the converter over the greatest value of the untouched sensor; strong touches near
+a driving pair go beyond it."""
 SATURATION = 0.6  # what a saturated channel reaches of its greatest untouched value
 _DRIFT_PERIODS_S = (900.0, 3600.0)  # a room's temperature swings within a quarter to a whole hour
 _DRIFT_TERMS = 3
@@ -66,7 +68,8 @@ class Imperfections(Declaration):
     Attributes:
         unit: which of many sensors of the same make: decides what is drawn. Of a scenario, the
             first one: every session of touches is on another unit.
-        severity: factor of all magnitudes; faults and the mesh are as they are.
+        severity: factor of all magnitudes; faults, the mesh and the range of the converter are as
+            they are, but at 0 it does not round.
         mesh: "image", the mesh of the image grid, which methods invert with; "fine", one of the
             same kind twice as fine; "unstructured", triangles three times finer than pixels;
             "slab", in three dimensions, with electrodes of half the height (see `slab.SLAB`).
@@ -80,7 +83,7 @@ class Imperfections(Declaration):
         settling: share of the value measured before that is left in a value.
         mains: amplitude of the hum, relative to the rms of a frame; its frequency is a little off
             `MAINS_HZ`.
-        bits: resolution of the converter; None for one that does not round.
+        bits: resolution of the converter, which clips at `HEADROOM`; None for an ideal one.
         dead: electrodes without contact: what they drive or measure reads 0.
         saturated: a channel, numbered in the order of its first measurement, that clips.
         lost_every: one in so many frames is lost, drawn for each, and the one before seen again.

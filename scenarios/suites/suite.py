@@ -167,7 +167,8 @@ def on_sensor(suite: Suite, name: str) -> Suite:
             (.toml) or of a recording (.h5).
 
     Raises:
-        InputError: unknown name, no simulated scenario, or a sensor that one of them cannot use.
+        InputError: unknown name, no simulated scenario, a sensor that one of them cannot use, or
+            one that is told apart from a recorded scenario.
     """
     if name not in sensors() and not is_file(name) and name in RECORDED_SETS:
         name = recorded_set(name).sensor_name
@@ -190,7 +191,7 @@ def on_sensor(suite: Suite, name: str) -> Suite:
             f"Suite {suite.name!r} has no simulated scenario, so it has the sensors of its "
             "recordings: leave --sensor out."
         )
-    return suite.model_copy(update={"scenarios": tuple(found)})
+    return _of_these(suite, found)
 
 
 def drawn_with(suite: Suite, key: bytes) -> Suite:
@@ -209,7 +210,23 @@ def drawn_with(suite: Suite, key: bytes) -> Suite:
             f"Suite {suite.name!r} has no hidden set: its frames are recordings or a design, and "
             "no key draws them. Name a suite of simulated touches."
         )
-    return suite.model_copy(update={"scenarios": drawn})
+    return _of_these(suite, drawn)
+
+
+def _of_these(suite: Suite, scenarios: Sequence[Scenario]) -> Suite:
+    """The suite with these scenarios only.
+
+    Raises:
+        InputError: one has a familiar scenario that is not among them.
+    """
+    by_name = {scenario.name: scenario for scenario in scenarios}
+    for scenario in scenarios:
+        if wrong := _unlike_familiar(scenario, by_name):
+            raise InputError(
+                f"In suite {suite.name!r} the familiar scenario of {scenario.name!r} {wrong} here: "
+                "it cannot be run so."
+            )
+    return suite.model_copy(update={"scenarios": tuple(scenarios)})
 
 
 def hidden_key(suite: Suite) -> str:

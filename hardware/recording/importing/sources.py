@@ -175,6 +175,11 @@ def _text(path: Path) -> Arrays:
         else:
             (cells,) = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
             rows.append((number, [cell.strip() for cell in cells]))
+    if delimiter == "," and all(re.fullmatch(r"[-+]?\d+,\d+", line.strip()) for _, line in body):
+        raise ValueError(
+            "each line is two whole numbers or one with a decimal comma: write decimal points, or "
+            "semicolons between whole numbers"
+        )
     points = ("." in cell and _is_number(cell) for _, cells in rows for cell in cells)
     if delimiter != "," and not any(points):
         rows = [(k, [_with_point(cell) for cell in cells]) for k, cells in rows]

@@ -210,3 +210,18 @@ def test_a_real_tank_that_differs_otherwise_is_left_alone(recorded_data: object)
     tank = calibrate(coarser, recording.reference[None])
     assert tank.misfit_after <= tank.misfit_before
     assert not tank.credible
+
+
+@pytest.mark.parametrize("ladder", [False, True])
+def test_methods_are_tuned_on_calibrated_frames_too(ladder: bool) -> None:
+    """Validation touches are of imperfect units, but for those of the ladder."""
+    raw, corrected = (
+        load(
+            _scenario(BOARD, calibrated=calibrated).model_copy(
+                update={"ladder": ladder, "validation": 3}
+            ),
+            "validation",
+        )
+        for calibrated in (False, True)
+    )
+    assert np.array_equal(raw.voltages, corrected.voltages) == ladder

@@ -22,6 +22,7 @@ from eitbench.scenarios.suites.suite import (
     WINDOW,
     Suite,
     _short_names,
+    drawn_with,
     load_suite,
     on_sensor,
     read_suite,
@@ -455,3 +456,16 @@ def test_a_suite_moves_to_another_sensor_and_says_why_it_cannot() -> None:
         on_sensor(load_suite("two-touch"), "ohmc16")
     with pytest.raises(InputError, match="foam15"):
         on_sensor(load_suite("acuity"), "foam15")
+
+
+def test_what_is_told_from_a_recording_is_not_run_without_it(tmp_path: Path) -> None:
+    file = tmp_path / "r.toml"
+    told = '[[scenarios]]\nkind = "simulated"\nname = "s"\nsensor = "ohmc16"\nfamiliar = "r"\n'
+    file.write_text(
+        RECORDED + told + 'families = ["soft-press"]\ntrain = 2\nvalidation = 2\ntest = 2\n'
+    )
+    suite, said = load_suite(file), "the familiar scenario of 's' is 'r', and the suite"
+    with pytest.raises(InputError, match=said):
+        on_sensor(suite, "foam16")
+    with pytest.raises(InputError, match=said):
+        drawn_with(suite, bytes(32))

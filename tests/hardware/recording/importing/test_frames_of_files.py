@@ -344,3 +344,14 @@ def test_pairs_that_do_not_fit_are_told(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=said):
             import_recording([str(tmp_path / name)], tmp_path / "no.h5", SKIN, options)
     assert not (tmp_path / "no.h5").exists()
+
+
+def test_a_decimal_comma_is_not_taken_for_two_frames(tmp_path: Path, skin: Sensor) -> None:
+    """A value a line, as spreadsheets write them in half of Europe."""
+    text = "\n".join(f"{value:.4f}".replace(".", ",") for value in VALUES[0])
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(EitbenchError, match="write decimal points, or semicolons"):
+        read_arrays(tmp_path / "a.csv")
+    (tmp_path / "b.csv").write_text(text.replace(",", "."))
+    found = find_frames(arrays_of(tmp_path / "b.csv"), skin, tmp_path / "b.csv", Choice())
+    np.testing.assert_allclose(found.values, VALUES[:1], atol=1e-4)
