@@ -51,6 +51,9 @@ LABELLED = 20.0
 FLOOR = 0.05
 """Variance of a value that is always noise, as a share of the value's mean square."""
 PRESSES_OF_A_SKIN = 60
+ELSEWHERE = 1.5
+"""Distance of a labelled place from the centre of the others, in radii of their disc, that only
+other coordinates explain."""
 _SAME = Similarity(1.0, np.eye(2), np.zeros(2))
 
 
@@ -89,6 +92,19 @@ def disc_of(places: Array) -> PressedDisc:
         centre = centre + (hull[np.hypot(*(hull - centre).T).argmax()] - centre) / step
     farthest = float(np.hypot(*(hull - centre).T).max())
     return PressedDisc((float(centre[0]), float(centre[1])), farthest * (1 + 1 / len(places)))
+
+
+def _disc_of_both(seen: Array, labelled: Array) -> PressedDisc:
+    """The disc of places of other skins (n, 2) and labelled ones (k, 2) [m].
+
+    Those of other skins are the sensor's, labelled ones this skin's robot's, which may count from
+    elsewhere: then the labelled ones alone say where the centre is.
+    """
+    of_others = disc_of(seen)
+    if not len(labelled) or np.hypot(*of_others.relative(labelled).T).max() < ELSEWHERE:
+        return disc_of(np.concatenate([seen, labelled]))
+    own = disc_of(labelled)
+    return PressedDisc(own.centre, max(own.radius, of_others.radius))
 
 
 def compressed(differences: Array) -> Array:
@@ -225,13 +241,11 @@ class TopographicMapOfSkins(TopographicMapOfSkin):
             return super()._guess(problem)
         seen, blocks = learned_from(problem.others, PRESSES_OF_A_SKIN)
         learned = _regression(compressed(seen.differences), seen.places, blocks)
+        disc = _disc_of_both(seen.places, labelled.places)
         if len(labelled) < FEWEST:
-            disc = disc_of(np.concatenate([seen.places, labelled.places]))
             over = disc.relative(learned(compressed(problem.unlabelled)))
             return lambda frames: spread(disc.relative(learned(frames)), over), disc
         x = compressed(labelled.differences)
-        # Labelled places are in the coordinates of this skin's robot, others in the sensor's.
         register = fit_similarity(learned(x), labelled.places) or _SAME
-        disc = disc_of(np.concatenate([register(seen.places), labelled.places]))
         rest = _regression(x, labelled.places - register(learned(x)))
         return lambda frames: disc.relative(register(learned(frames)) + rest(frames)), disc
