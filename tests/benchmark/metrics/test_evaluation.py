@@ -301,3 +301,18 @@ def test_a_pressure_is_judged_in_per_cent_alone_and_no_load_not_at_all() -> None
     assert fit_calibration(few, images) is None
     truth = dataset("conductivity", 4, images, pressure_pa=pressure)
     assert fit_calibration(truth, images) is None
+
+
+def test_the_error_of_the_area_is_relative_to_the_true_one() -> None:
+    """Squares of 10, 20 and 5 pixels a side: of 100 pixels true, 300 too many, and 75 missing."""
+    middle = SKIN.mask.shape[0] // 2
+
+    def square(side: int) -> Array:
+        image = np.full((1, *SKIN.mask.shape), SKIN.background)
+        image[:, middle - 5 : middle - 5 + side, middle - 5 : middle - 5 + side] -= 0.1
+        return image
+
+    for side, expected in ((20, 3.0), (5, 0.75), (10, 0.0)):
+        (found,) = evaluate(dataset("conductivity", 1, square(10)), square(side))["area_error"]
+        # Regions are cut where an image is halfway, so that corners are off by a pixel.
+        assert found == pytest.approx(expected, abs=0.05)

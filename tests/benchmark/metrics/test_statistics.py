@@ -10,6 +10,7 @@ from eitbench.benchmark.metrics.statistics import (
     bootstrap,
     draw,
     holm,
+    intervals,
     means,
     medians,
     once,
@@ -172,6 +173,17 @@ def _presses(better: float, rng: np.random.Generator) -> tuple[Array, Array]:
     shared = 10 * np.exp(0.6 * rng.normal(size=60))
     one, other = (shared * np.exp(0.3 * rng.normal(size=60)) for _ in range(2))
     return one, better * other
+
+
+def test_few_clusters_widen_intervals_as_student_does() -> None:
+    """Of 5 clusters 2.776 sqrt(5/4) = 3.104 standard deviations, of 1,000 nearly 1.96."""
+    drawn = stats.norm.ppf((np.arange(200_000) + 0.5) / 200_000)[:, None]
+    for clusters, expected in ((5, 3.104), (1000, 1.9633)):
+        ends = intervals(np.zeros(1), drawn, clusters)
+        np.testing.assert_allclose(ends[:, 0], [-expected, expected], rtol=2e-3)
+    two = np.array([[0.0], [2.0]])  # their deviation is 1
+    np.testing.assert_allclose(student_t([1.0], two, 5), [1 / np.sqrt(1.25)])
+    np.testing.assert_allclose(student_t([-1.0], two, 2), [-1 / np.sqrt(2)])
 
 
 def test_a_spread_that_is_not_known_shows_no_difference() -> None:

@@ -1,6 +1,5 @@
 """Worker processes end with their run, leave nothing behind, and start again when that fails."""
 
-import fcntl
 import operator
 import os
 import shutil
@@ -125,6 +124,7 @@ def test_a_chain_of_processes_is_ended(end: str, tmp_path: Path) -> None:
     plugin.write_text(FORKS_ON + end)
     with Worker(serve, _PluginReader(plugin)) as worker, suppress(WorkerLostError):
         worker.ask("names", limit=60, what="it")
+    fcntl = pytest.importorskip("fcntl")  # not on Windows
     with plugin.with_suffix(".lock").open() as lock:
         # All that are forked hold it.
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -49,7 +49,9 @@ def test_a_file_is_no_port(tmp_path: Any) -> None:
             teensy(port).open()
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="becomes another user: run as root")
+@pytest.mark.skipif(
+    getattr(os, "geteuid", lambda: -1)() != 0, reason="becomes another user: run as root"
+)
 def test_a_port_that_may_not_be_used_names_its_group(terminal: tuple[int, str]) -> None:
     port = terminal[1]
     grp = pytest.importorskip("grp")  # not on Windows

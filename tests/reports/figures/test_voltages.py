@@ -9,8 +9,9 @@ import pandas as pd
 import pytest
 
 from eitbench.benchmark import DataCorruptError
+from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.rundir.run_arrays import TRUTH, read_responses, read_touch
-from eitbench.reports.figures.voltages import draw, write_voltages
+from eitbench.reports.figures.voltages import draw, voltage_figures, write_voltages
 
 M, N = 12, 4
 
@@ -44,6 +45,9 @@ def test_responses_are_voltages_minus_the_reference(run: Path) -> None:
 
 
 def test_a_typical_sample_of_the_last_operator_is_drawn(run: Path) -> None:
+    ((scenario, figure),) = voltage_figures(read_run(run))
+    assert scenario == "paper"
+    assert figure.get_suptitle() == "paper, sample 0"  # of errors 3, 1, 4 and 2 the upper median
     written = write_voltages(run)
     assert [path.name for path in written] == ["voltages-paper.png", "voltages-paper.pdf"]
     assert all(path.stat().st_size > 5000 for path in written)

@@ -292,3 +292,18 @@ def test_the_suite_declares_the_typical_board_and_each_of_its_imperfections_alon
                 {**other, "name": one["name"]} == {**one, "calibrated": True}
                 for other in text["scenarios"]
             ), one["name"]
+
+
+def test_electrodes_of_units_spread_as_declared() -> None:
+    nominal = sensor("foam16")
+    units = [
+        Imperfections(unit=unit, electrode_width=0.05, contact_impedance=0.3).built(nominal)
+        for unit in range(60)
+    ]
+    widths = np.log([[e.width for e in unit] for unit in units])
+    widths -= np.log([e.width for e in nominal.electrodes])
+    contacts = np.log([[e.contact_impedance for e in unit] for unit in units])
+    contacts -= np.log([e.contact_impedance for e in nominal.electrodes])
+    assert widths.std() == pytest.approx(0.05, rel=0.1)
+    assert contacts.std() == pytest.approx(0.3, rel=0.1)
+    assert abs(np.corrcoef(widths.ravel(), contacts.ravel())[0, 1]) < 0.1

@@ -8,6 +8,7 @@ import pytest
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.imperfections.noise import (
     add_noise,
+    distance_of_touch,
     measured,
     session_snr_db,
     snr_of_touch,
@@ -101,3 +102,10 @@ def test_generators_are_independent_of_each_other_and_reproducible() -> None:
     draws = [generator(*a).standard_normal(500) for a in axes]
     assert np.array_equal(draws[0], generator("a", 1).standard_normal(500))
     assert np.abs(np.corrcoef(draws) - np.eye(len(axes))).max() < 0.2
+
+
+def test_the_distance_of_a_model_is_its_error_over_what_the_touch_changes() -> None:
+    seen = np.array([[1.0, -1.0, 1.0], [2.0, 2.0, -2.0]])
+    np.testing.assert_allclose(distance_of_touch(0.9 * seen, seen), [20.0, 20.0])
+    np.testing.assert_allclose(distance_of_touch(2.0 * seen, seen), [0.0, 0.0])
+    assert distance_of_touch(seen, seen).tolist() == [np.inf, np.inf]
