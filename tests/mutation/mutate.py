@@ -174,6 +174,8 @@ def main() -> None:
     score.to_csv(given.out / "score.csv")
     lost.to_csv(given.out / "survivors.csv", index=False)
     print(score.to_string())
+    if unexplained := int((score["survived"] - score["explained"]).sum()):
+        sys.exit(f"{unexplained} mutants survive and nobody says why: test them, or explain them.")
 
 
 if __name__ == "__main__":
