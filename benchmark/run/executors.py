@@ -296,10 +296,10 @@ def _deadline(seconds: float) -> Advance:
 
     def advance(_: int) -> None:
         nonlocal deadline
-        # The first call counts what was stored before.
-        if (call := next(calls)) == 1:
-            deadline = time.monotonic() + seconds
-        elif call and time.monotonic() > deadline:
+        now = time.monotonic()
+        if next(calls) == 1:  # the first call counts what was stored before
+            deadline = now + seconds
+        if now >= deadline:
             raise StoppedError
 
     return advance

@@ -146,7 +146,7 @@ def test_full_tables_follow_the_pattern() -> None:
 
 @pytest.mark.slow
 def test_bad_files_are_one_sentence(tmp_path: Path, imported: Import) -> None:
-    (tmp_path / "short.csv").write_text("1,2\n3,4\n")
+    (tmp_path / "short.csv").write_text("1,2,3\n3,4,5\n")
     (tmp_path / "ragged.csv").write_text("# by hand\n1,2\n\n3\n")
     (tmp_path / "words.csv").write_text("1,2\n3,a\n")
     (tmp_path / "series.csv").write_text("v0,v1\n3,a\n")
