@@ -287,7 +287,11 @@ class Problem:
     def _measured_with(
         self, reference: Array, gain_power: float
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Gains (M,) of measurements by a reference frame, and True (M,) where no fault spoils."""
+        """Gains (M,) of measurements by a reference frame, and True (M,) where no fault spoils.
+
+        Raises:
+            InputError: a power of gains below 0.
+        """
         if not 0 <= gain_power < np.inf:
             raise InputError(f"The power of gains is at least 0, got {gain_power}.")
         kept = ~spoiled(reference, self._modelled, self._nominal.pattern)

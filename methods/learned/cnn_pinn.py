@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class CnnPinn(UsesNetwork, Pinn):
     """The image of `dnn`, refined for each frame by the networks of `pinn` (CNN + PINN).
 
-    Its image is the mean over all its `steps`, as they are one window. For the attributes see
-    `Pinn`.
+    By default its `steps` are one window, so that its image is the mean of all of them. For the
+    attributes see `Pinn`.
     """
 
     name: ClassVar = "cnn-pinn"

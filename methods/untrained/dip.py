@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 class Dip(NetworkPerFrame):
     """An untrained network per frame, fitted to its voltages (deep image prior, DeepEIT).
 
-    It takes all its `steps`, which are twice its window. For the attributes see `NetworkPerFrame`.
+    By default its `steps` are twice its window, so that it takes them all. For the attributes see
+    `NetworkPerFrame`.
     """
 
     source: ClassVar[str] = "Liu et al., IEEE Trans. Pattern Anal. Mach. Intell. 45(8), 2023"

@@ -79,6 +79,22 @@ def test_a_published_file_that_changed_is_named(
     assert named in done.stderr.splitlines()
 
 
+def test_hashes_of_keys_stay_and_a_key_may_be_retired(repository: Path) -> None:
+    keys = "reports/board/hidden.toml"
+    add(repository, keys, 'sha256 = "1"\nsha256 = "2"\n')
+    git(repository, "add", ".")
+    git(repository, "commit", "-m", "keys")
+    git(repository, "tag", "v0.2.0")
+    add(repository, keys, 'sha256 = "1"\nretired = "k"\nsha256 = "2"\nsha256 = "3"\n')
+    assert checked(repository).returncode == 0
+    for text in ('sha256 = "1"\n', 'sha256 = "1"\nsha256 = "7"\n'):
+        add(repository, keys, text)
+        done = checked(repository)
+        assert (done.returncode, "are never changed" in done.stderr) == (1, True)
+    (repository / keys).unlink()
+    assert checked(repository).returncode == 1
+
+
 def test_only_the_last_release_counts_and_other_tags_do_not(repository: Path) -> None:
     git(repository, "tag", "before-the-release")
     (repository / RECORD).write_bytes(b"PAR1\x00\xfe")

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+import shutil
 import stat
 import zlib
 from dataclasses import replace
@@ -16,6 +17,7 @@ from scipy import stats
 
 from eitbench.benchmark.analysis.leaderboard import Entry
 from eitbench.benchmark.analysis.results import Run, read_run
+from eitbench.benchmark.run import runner
 from eitbench.benchmark.run.cell_task import CellPlan
 from eitbench.benchmark.run.method_cell import MethodData
 from eitbench.benchmark.run.runner import make_plan, start_run
@@ -122,6 +124,23 @@ def test_the_key_is_in_no_file_and_no_worker(tmp_path: Path) -> None:
     assert json.loads((run / "manifest.json").read_text())["hidden"] == scenario.hidden
     with pytest.raises(InputError, match="of which only figures are published"):
         write_record(run, tmp_path / "2026.1" / "mine")
+
+
+def test_an_interrupted_run_says_what_continues_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run of a hidden set is given its key again, by the command that began it."""
+    monkeypatch.setattr(runner, "_run_cells", lambda *_: False)  # as after Ctrl-C
+    monkeypatch.setattr("sys.argv", ["/bin/eitbench", "hidden", "run", "mine", "--key", "k"])
+    secret = hidden_suite(SUITE, "2026.1", KEY, published(tmp_path))
+    for suite, command in (
+        (SUITE, f"`eitbench run --resume {tmp_path / 'mine'}`"),
+        (secret, "`eitbench hidden run mine --key k`"),
+    ):
+        with pytest.raises(runner.RunInterruptedError, match="Finished rows are kept") as stopped:
+            start_run(make_plan(suite, limit=2), tmp_path / "mine")
+        assert command in str(stopped.value)
+        shutil.rmtree(tmp_path / "mine")
 
 
 def test_a_key_is_random_secret_and_never_overwritten(tmp_path: Path) -> None:
