@@ -48,6 +48,7 @@ class DnnConformal(UsesNetwork):
 
     Attributes:
         gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
+        amplification: of frames, see `TrainedMethod`.
     """
 
     source: ClassVar[str] = (
@@ -58,6 +59,7 @@ class DnnConformal(UsesNetwork):
     tuned_as: ClassVar = "dnn"
 
     gain_power: float = 0.0
+    amplification: float = 1.0
 
     def fit(self, problem: Problem) -> None:
         """Load the weights, and measure the errors of validation samples.
@@ -66,7 +68,7 @@ class DnnConformal(UsesNetwork):
             InputError: there are no weights for the sensor.
         """
         self._problem = problem
-        self._network = self.fitted_network(problem, self.gain_power)
+        self._network = self.fitted_network(problem, self.gain_power, self.amplification)
         first, data = problem.reference, problem.validation(FRAMES + HELD_OUT)
         images = reconstructed(self._network, problem, data)
         power = self._network.effective_gain_power

@@ -8,10 +8,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from eitbench.methods.classical.linearisation import GAINS
 from eitbench.methods.classical.noser import Noser
 from eitbench.methods.learned.fourier_operator import Fno
-from eitbench.methods.learned.image_networks import Dnn, PhyDnn, TrainedMethod, UsesNetwork
+from eitbench.methods.learned.image_networks import (
+    NETWORKS,
+    Dnn,
+    PhyDnn,
+    TrainedMethod,
+    UsesNetwork,
+)
 from eitbench.methods.learned.learned_proximal import LearnedProximal
 from eitbench.methods.learned.refined import LearnedGaussNewton
 from eitbench.methods.method import Method
@@ -33,14 +38,16 @@ class Ensemble(UsesNetwork):
 
     Attributes:
         gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
+        amplification: of frames for the network, see `TrainedMethod`.
         weight: of NOSER's regularisation, see `OneStep`.
     """
 
     source: ClassVar[str] = "Hansen and Salamon, IEEE Trans. Pattern Anal. 12(10), 1990"
     uses: ClassVar = LearnedGaussNewton
-    search: ClassVar = {**GAINS, "weight": (0.03, 0.3, 1.0, 3.0)}
+    search: ClassVar = {**NETWORKS, "weight": (0.03, 0.3, 1.0, 3.0)}
 
     gain_power: float = 0.0
+    amplification: float = 1.0
     weight: float = 0.03
 
     def fit(self, problem: Problem) -> None:
@@ -50,7 +57,7 @@ class Ensemble(UsesNetwork):
             InputError: there are no weights for the sensor.
         """
         self._problem = problem
-        self._network = self.fitted_network(problem, self.gain_power)
+        self._network = self.fitted_network(problem, self.gain_power, self.amplification)
         self._noser = Noser(self.weight, gain_power=self._network.effective_gain_power)
         self._noser.fit(problem)
 
@@ -77,15 +84,17 @@ class NetworkEnsemble(Method):
 
     Attributes:
         gain_power: of the gains of measurements that are taken out of frames, see `Problem`.
+        amplification: of frames, see `TrainedMethod`.
     """
 
     source: ClassVar[str] = "Lakshminarayanan, Pritzel and Blundell, NIPS 30, 2017, 6402"
-    search: ClassVar = GAINS
+    search: ClassVar = NETWORKS
     kinds: ClassVar[tuple[type[TrainedMethod], ...]] = (
         Dnn, PhyDnn, Fno, LearnedGaussNewton, LearnedProximal,
     )  # fmt: skip
 
     gain_power: float = 0.0
+    amplification: float = 1.0
 
     @classmethod
     def weights_hash(cls, sensor: Sensor) -> str:
@@ -108,7 +117,9 @@ class NetworkEnsemble(Method):
         if why := self.unusable(problem.sensor):
             raise InputError(why)
         usable = [of for of in self.kinds if not of.unusable(problem.sensor)]
-        self._networks = [of(gain_power=self.gain_power) for of in usable]
+        self._networks = [
+            of(gain_power=self.gain_power, amplification=self.amplification) for of in usable
+        ]
         for network in self._networks:
             network.fit(problem)
         # Networks that begin with the image of another count its training as theirs.

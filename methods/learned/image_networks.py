@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from eitbench.methods.classical.linearisation import GAINS
+from eitbench.methods.classical.linearisation import GAINS, Search, positive
 from eitbench.methods.method import Method
 from eitbench.methods.registry import register
 from eitbench.methods.training import Recipe, Trainable
@@ -33,6 +33,9 @@ if TYPE_CHECKING:  # torch takes a second to import, and listing methods does no
 BATCH = 64
 """Frames that go through a network at once: more would only take more memory."""
 
+NETWORKS: Search = {**GAINS, "amplification": (1.0, 2.0, 4.0, 8.0)}
+"""What is selected of trained networks."""
+
 TRAINED_ON = ("scenario", "train_data", "train_samples", "seed")
 """Metadata of weights that name the data which they were trained on, and the seed."""
 
@@ -47,16 +50,21 @@ class TrainedMethod(Trainable, Method):
         gain_power: of the gains of measurements that are taken out of frames, see `Problem`; 0 for
             that which the weights were trained with.
         effective_gain_power: which of the two it is, after `fit`.
+        amplification: what differences are multiplied by before they go through the network, and
+            contrasts are divided by after. To first order this is as if it had been trained with
+            less noise by this factor: what a regularisation's weight is to others. Touches of real
+            sensors are weaker than simulated ones, and a network takes weak touches for noise.
         begun_train_s: the part of `train_s` that weights of another method took, with whose images
             it begins [s].
     """
 
     needs: ClassVar = "torch"
-    search: ClassVar = GAINS
+    search: ClassVar = NETWORKS
     effective_gain_power = 0.0
     begun_train_s = 0.0
     weights: str = ""
     gain_power: float = 0.0
+    amplification: float = 1.0
 
     @classmethod
     def unusable(cls, sensor: Sensor) -> str:
@@ -69,11 +77,13 @@ class TrainedMethod(Trainable, Method):
         """Load the weights.
 
         Raises:
-            InputError: there are none for the sensor, or a negative power.
+            InputError: there are none for the sensor, a negative power, or an amplification that is
+                not above 0.
             DataCorruptError: they are damaged.
         """
         if not 0 <= self.gain_power < math.inf:
             raise InputError(f"The power of gains is at least 0, got {self.gain_power}.")
+        positive("amplification", self.amplification)
         self._problem = problem
         own = Path(self.weights) if self.weights else None
         path, tensors, metadata = self.files.load(problem.sensor, own)
@@ -96,13 +106,22 @@ class TrainedMethod(Trainable, Method):
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""
-        difference = self._problem.difference(voltages, self.effective_gain_power)
+        difference = self.amplified(voltages)
         low, high = self._problem.sensor.conductivity_range
         images = np.empty((len(difference), *self._problem.mask.shape))
         for first in range(0, len(difference), BATCH):
             part = slice(first, first + BATCH)
-            images[part] = self.relative(difference[part]).clip(low, high)
+            images[part] = self.weakened(self.relative(difference[part])).clip(low, high)
         return images * self._problem.background
+
+    def amplified(self, voltages: Array) -> Array:
+        """Differences (n, M) [V/A] from frames (n, M), as the network takes them."""
+        difference = self._problem.difference(voltages, self.effective_gain_power)
+        return self.amplification * difference
+
+    def weakened(self, relative: Images) -> Images:
+        """Conductivity over background (..., H, W) of `relative` ones of amplified differences."""
+        return relative / self.amplification + (1 - 1 / self.amplification)
 
     @abstractmethod
     def prepare(
@@ -138,14 +157,16 @@ class UsesNetwork(Method):
         """See `Method`."""
         return cls.uses.unusable(sensor)
 
-    def fitted_network(self, problem: Problem, gain_power: float = 0.0) -> TrainedMethod:
+    def fitted_network(
+        self, problem: Problem, gain_power: float = 0.0, amplification: float = 1.0
+    ) -> TrainedMethod:
         """The other method, fitted to a problem, whose training counts as this one's.
 
         Raises:
             InputError: there are no weights for the sensor.
             DataCorruptError: they are damaged.
         """
-        network = self.uses(gain_power=gain_power)
+        network = self.uses(gain_power=gain_power, amplification=amplification)
         network.fit(problem)
         self.train_s, self.trained_on = network.train_s, network.trained_on
         return network

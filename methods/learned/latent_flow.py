@@ -72,8 +72,8 @@ class LatentFlowMethod(TrainedMethod):
 
     def uncertainty(self, voltages: Array) -> Array:
         """Draws (n, K, H, W) [S/m] from the learned posterior of frames (n, M)."""
-        difference = self._problem.difference(voltages, self.effective_gain_power)
-        return np.asarray(self._drawn(difference)[:, :DRAWS] * self._problem.background)
+        drawn: Images = self._drawn(self.amplified(voltages))[:, :DRAWS].astype(np.float32)
+        return np.asarray(self.weakened(drawn) * self._problem.background)
 
     def _drawn(self, difference: Array) -> Array:
         """Conductivity over background (n, D, H, W), drawn under every motion of the sensor."""

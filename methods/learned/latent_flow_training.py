@@ -49,7 +49,7 @@ class FlowTask(TrainingTask):
 def train_latent_flow(job: TrainingJob) -> TrainingResult:
     """Train the flow; see `eitbench.methods.training.train`."""
     job.check_gains()
-    scenario, sensor, count = job.scenario, job.sensor, job.training_count()
+    scenario, sensor, count = job.scenario, job.sensor, job.training_count(more=True)
     gain_power = job.request.gain_power
     job.check(limit=count, gain_power=gain_power)
     with torch.random.fork_rng():

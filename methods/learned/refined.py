@@ -292,5 +292,5 @@ class HeteroscedasticDnn(ContinuedMethod):
 
     def uncertainty(self, voltages: Array) -> Array:
         """Standard deviation (n, H, W) [S/m] of frames (n, M)."""
-        difference = self._problem.difference(voltages, self.effective_gain_power)
-        return np.asarray(self.output(self.inputs(difference)) * self._problem.background)
+        spread = self.output(self.inputs(self.amplified(voltages))) / self.amplification
+        return np.asarray(spread * self._problem.background)

@@ -17,7 +17,7 @@ from eitbench.benchmark.tuning.selection import (
     validation_key,
 )
 from eitbench.methods import methods
-from eitbench.methods.classical.linearisation import GAINS
+from eitbench.methods.learned.image_networks import NETWORKS
 from eitbench.methods.registry import place_methods
 from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
@@ -113,11 +113,11 @@ def test_every_packaged_simulated_scenario_has_choices_from_the_search_space() -
         for name in (*suite.names, "pyeit-jac", "pyeit-greit", "pyeit-bp")
     ]
     for scenario, name in listed:
-        # Choices of before there were gains of measurements have none of these.
-        if search := {k: v for k, v in known[name].search.items() if k not in GAINS}:
+        # Choices of before there were gains and amplification have none of these.
+        if search := {k: v for k, v in known[name].search.items() if k not in NETWORKS}:
             parameters = selected_parameters(scenario, name)
             assert parameters is not None, f"{scenario.name}: eitbench tune has not seen {name}"
-            assert set(parameters) - set(GAINS) == set(search)
+            assert set(parameters) - set(NETWORKS) == set(search)
             for key, value in parameters.items():
                 assert value in known[name].search[key]
             chosen += 1
@@ -146,7 +146,7 @@ def test_methods_were_tuned_alike_on_the_same_data() -> None:
     for file in sorted(PACKAGED.glob("*.json")):
         chosen = json.loads(file.read_text())["choices"]
         searched = {name: set(of["parameters"]) for name, of in chosen.items()}
-        for key in GAINS:
+        for key in NETWORKS:
             has = [name for name in chosen if key in getattr(known[name], "search", {})]
             with_it = [name for name in has if key in searched[name]]
             assert with_it in ([], has), f"{file.name}: {key} was searched for {with_it} alone"

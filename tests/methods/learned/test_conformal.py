@@ -8,6 +8,7 @@ import pytest
 
 from eitbench.benchmark.workers.method_service import learning_splits
 from eitbench.methods import Problem, create
+from eitbench.methods.learned import conformal
 from eitbench.methods.learned.conformal import DnnConformal, widening
 from eitbench.scenarios import load
 from eitbench.scenarios.suites.suite import scenario_by_name
@@ -25,6 +26,23 @@ def test_errors_are_widened_to_the_share_that_is_asked_for() -> None:
     assert widening(errors / 10, -end, end, 0.01) == 1
     more, ends = (np.append(values, 0 * values, axis=1) for values in (errors, end))
     assert widening(more, -ends, ends, 0.01) == factor  # pixels without an error do not count
+
+
+def test_its_images_are_those_of_dnn_with_the_same_parameters(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(conformal, "FRAMES", 24)
+    monkeypatch.setattr(conformal, "HELD_OUT", 12)
+    scenario = scenario_by_name("noise-50db")
+    test = load(scenario, "validation", 2)
+    problem = Problem(test.sensor, test.references[0], partial(load, scenario))
+    parameters = {"gain_power": 0.5, "amplification": 2.0}
+    images = []
+    for name in ("dnn", "dnn-conformal"):
+        method = create(name, **parameters)
+        method.fit(problem)
+        images.append(method.reconstruct(test.voltages))
+    assert np.array_equal(images[0], images[1])
 
 
 @pytest.mark.slow

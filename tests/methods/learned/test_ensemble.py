@@ -20,14 +20,17 @@ def problem() -> Problem:
     return Problem(skin, model.voltages(model.background), no_split)
 
 
-def test_both_images_have_equal_energy_in_the_mean(problem: Problem) -> None:
+@pytest.mark.parametrize("amplification", [1.0, 4.0])
+def test_both_images_have_equal_energy_in_the_mean(problem: Problem, amplification: float) -> None:
     x, y = problem.sensor.pixel_centres
     span = np.ptp(x[problem.mask])
     image = np.where(np.hypot(x - x.mean() - 0.1 * span, y - y.mean()) < 0.1 * span, 0.7, 1.0)
     frame = problem.model.voltages(image * problem.background)[None]
     contrasts = []
     for name in ("learned-gn", "noser", "ensemble"):
-        method = create(name, **({} if name == "learned-gn" else {"weight": 0.3}))
+        parameters = {} if name == "learned-gn" else {"weight": 0.3}
+        amplified = {} if name == "noser" else {"amplification": amplification}
+        method = create(name, **parameters, **amplified)
         method.fit(problem)
         contrasts.append((method.reconstruct(frame) - problem.background)[0][problem.mask])
     learned, linear, mean = contrasts
