@@ -1,26 +1,37 @@
 """Tables of the page on a real skin: gains of measurements, and models of the skin."""
 
+import json
+
 import pandas as pd
 from docs.tables.record import STUDIES, printed
+
+from eitbench.benchmark.tuning.selection import PACKAGED, validation_key
+from eitbench.methods.learned.image_networks import NETWORKS
+from eitbench.scenarios.suites.suite import scenario_by_name
+
+
+_GAINS = {
+    "without": "without",
+    "with": "with gains",
+    "learned": "and learned with them",
+    "amplified": "and amplified",
+}
 
 
 def _gains() -> str:
     """Return the error of presses without and with gains of measurements, by method."""
     stored = pd.read_csv(STUDIES / "gains" / "presses.csv")
     errors = stored.pivot_table(index="method", columns="gains", values="localisation_mm")
-    errors = errors.loc[errors["learned"].fillna(errors["with"]).sort_values().index]
+    last = errors["amplified"].fillna(errors["learned"]).fillna(errors["with"])
+    errors = errors.loc[last.sort_values().index]
     rows = [
         [
             f"`{name}`",
-            *(
-                "" if pd.isna(row[gains]) else f"{row[gains]:.1f}"
-                for gains in ("without", "with", "learned")
-            ),
+            *("" if pd.isna(row[gains]) else f"{row[gains]:.1f}" for gains in _GAINS),
         ]
         for name, row in errors.iterrows()
     ]
-    heads = ["median error [mm]", "without", "with gains", "and learned with them"]
-    return printed(heads, rows)
+    return printed(["median error [mm]", *_GAINS.values()], rows)
 
 
 def _skin_model() -> str:
@@ -64,6 +75,31 @@ def _reference_misfit() -> str:
     return printed(heads, rows, [False, *[True] * 5])
 
 
+def _amplification() -> str:
+    """Return the error of validation presses by amplification, of what selection tried."""
+    file = PACKAGED / f"{validation_key(scenario_by_name('ohmc16'))[:16]}.json"
+    rows, heads = [], NETWORKS["amplification"]
+    for name, selected in json.loads(file.read_text())["choices"].items():
+        best = selected["parameters"]
+        if "amplification" not in best:
+            continue
+        # Trials that were given up have no figure; all with the other parameters that were chosen.
+        errors = {
+            trial["parameters"]["amplification"]: -trial["figure"]
+            for trial in selected["trials"]
+            if trial["figure"] is not None
+            and trial["parameters"] | {"amplification": 0} == best | {"amplification": 0}
+        }
+        rows.append(
+            (errors, [f"`{name}`", *(f"{errors[a]:.1f}" if a in errors else "–" for a in heads)])
+        )
+    rows.sort(key=lambda row: min(row[0].values()))
+    return printed(
+        ["median error [mm]", *(f"{a:g}" for a in heads)], [row for _, row in rows],
+        [False, *[True] * len(heads)],
+    )  # fmt: skip
+
+
 def _real_skin_training() -> str:
     """Return the error of validation presses by what networks learned from."""
     stored = pd.read_csv(STUDIES / "real-skin-training" / "errors.csv", keep_default_na=False)
@@ -86,5 +122,6 @@ TABLES = {
     "gains": _gains,
     "skin model": _skin_model,
     "reference misfit": _reference_misfit,
+    "amplification": _amplification,
     "real-skin training": _real_skin_training,
 }

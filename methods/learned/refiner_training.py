@@ -82,7 +82,7 @@ class SpreadTask(RefinerTask):
 
 def train_refiner(method_class: type[RefinementMethod], job: TrainingJob) -> TrainingResult:
     """Train the network of a method; see `eitbench.methods.training.train`."""
-    scenario, sensor, count = job.scenario, job.sensor, job.training_count()
+    scenario, sensor, count = job.scenario, job.sensor, job.training_count(more=True)
     problem = nominal_problem(scenario)
     method = method_class()
     method.start(problem)
@@ -118,6 +118,8 @@ def _samples(
 ) -> tuple[Tensor, Tensor]:
     """The network's inputs (n, C, H, W), and conductivity over background (n, H, W)."""
     request, scenario, device = job.request, job.scenario, job.device.type
+    if split == "train":  # there may be more than the scenario declares
+        scenario = scenario.model_copy(update={"train": count})
     data = load(scenario, split, count, jobs=request.jobs, progress=request.progress)
     difference = nominal_problem(scenario).differences(data, request.gain_power)
     inputs = worker_pool(request.jobs)(

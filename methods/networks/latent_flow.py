@@ -15,9 +15,7 @@ COUPLINGS, WIDTH = 8, 192
 LARGEST = 2.0
 """Of the logarithm of a factor in a step, so that no step can run away."""
 LEAST = 1e-4
-"""Spread of a component of images, relative to the largest."""
-LEAST_MEASURED = 0.03
-"""That of frames. Weaker components are noise, and what no model of a real skin explains."""
+"""Spread of a component, relative to the largest: frames repeat each other by reciprocity."""
 
 
 class LatentFlow(nn.Module):
@@ -62,10 +60,9 @@ class LatentFlow(nn.Module):
         flat = images.flatten(1)
         self.mean.copy_(flat.mean(0))
         _, spread, axes = torch.svd_lowrank(flat - self.mean, len(self.components), niter=6)
-        self.components.copy_((axes * _floored(spread, LEAST) / math.sqrt(len(flat))).T)
+        self.components.copy_((axes * _floored(spread) / math.sqrt(len(flat))).T)
         _, spread, axes = torch.svd_lowrank(differences, self.seen.shape[1], niter=6)
-        spread = _floored(spread, LEAST_MEASURED) / math.sqrt(len(differences))
-        self.seen.copy_(axes / spread)
+        self.seen.copy_(axes / (_floored(spread) / math.sqrt(len(differences))))
 
     def encoded(self, images: Tensor) -> Tensor:
         """Components (n, K) of contrasts (n, H, W) over the background."""
@@ -99,9 +96,9 @@ class LatentFlow(nn.Module):
         return self.decoded(z.reshape(frames, count, len(self.components)))
 
 
-def _floored(spread: Tensor, least: float) -> Tensor:
-    """Singular values, none smaller than `least` times the largest, so that none blows up."""
-    return spread.clamp(min=least * float(spread.max()))
+def _floored(spread: Tensor) -> Tensor:
+    """Singular values, of which those of rounding alone must not be divided by."""
+    return spread.clamp(min=LEAST * float(spread.max()))
 
 
 class _Coupling(nn.Module):

@@ -5,8 +5,9 @@
 BEFORE.json is the record of parameters that were selected while no method took gains out
 (`benchmark/tuning/selected/fcc0e04f1470426d.json` of commit 4a2e35d); `with` has those that are
 selected now. Methods of `LEARNED` have since learned from frames with the gains taken out, which is
-their row `learned`; their other rows are of commit 64906f7, and are kept. Places are registered on
-the 100 validation presses, and 400 test presses judge, as on the board of the suite `presses`.
+their row `learned`; their other rows are of commit 64906f7, and are kept. `amplified` has the
+amplification of frames that is selected for networks, the others have none. Places are registered
+on the 100 validation presses, and 400 test presses judge, as on the board of the suite `presses`.
 """
 
 import json
@@ -63,8 +64,11 @@ if __name__ == "__main__":
     for name in METHODS:
         before = choices[name]["parameters"] if name in choices else {}
         now = selected_parameters(SUITE["ohmc16"], name) or {}
-        changed = {"without": before, "with": now}
-        for gains, parameters in ({"learned": now} if name in LEARNED else changed).items():
+        plain = {key: value for key, value in now.items() if key != "amplification"}
+        changed = {"learned": plain} if name in LEARNED else {"without": before, "with": plain}
+        if now.get("amplification", 1.0) != 1.0:
+            changed["amplified"] = now
+        for gains, parameters in changed.items():
             error = round(press_error(name, parameters), 3)
             rows.append((name, gains, error, json.dumps(parameters), __version__))
             print(rows[-1], flush=True)

@@ -47,7 +47,7 @@ def fitted(name: str, skin: Sensor, **parameters: object) -> Method:
     ],
 )  # fmt: skip
 def test_frames_are_amplified_and_contrasts_and_spreads_weakened(name: str, skin: Sensor) -> None:
-    frame, untouched = frames(skin, 0.05)
+    frame, untouched = frames(skin, 0.1)
     amplified = untouched + A * (frame - untouched)
     method, plain = fitted(name, skin, amplification=A), fitted(name, skin)
     image, expected = (of.reconstruct(f) for of, f in ((method, frame), (plain, amplified)))
