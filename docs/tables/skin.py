@@ -9,7 +9,6 @@ from eitbench.benchmark.tuning.selection import PACKAGED, validation_key
 from eitbench.methods.learned.image_networks import NETWORKS
 from eitbench.scenarios.suites.suite import scenario_by_name
 
-
 _GAINS = {
     "without": "without",
     "with": "with gains",
