@@ -48,7 +48,7 @@ def test_a_typed_figure_of_a_sentence_is_put_right() -> None:
         ("loss/loss.csv eitbench s loss=mse seed=1", "0.1.0"),
         ("size/summary.json rows.psnr .1f samples=750 backbone=unet", "21.9"),
         ("size/summary.json training_hours g", "0.3"),
-        ("ledger claims.figures.0.interval.1 .3f id=real-presses", "-0.273"),
+        ("ledger claims.figures.0.interval.1 .3f id=real-presses", "0.111"),
         ("scenarios/suites/scenario.py GENERATOR_VERSION d", "2"),
     ],
 )

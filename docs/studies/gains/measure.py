@@ -30,7 +30,7 @@ from eitbench.scenarios.suites.suite import load_suite
 
 METHODS = (
     "dnn", "phydnn", "coarse-to-fine", "noser", "laplacian", "greit", "tikhonov",
-    "back-projection", "linear-touch", "learned-gn", "tv", "ensemble",
+    "back-projection", "linear-touch", "learned-gn", "tv", "ensemble", "latent-flow",
 )  # fmt: skip
 LEARNED = ("linear-touch", "coarse-to-fine")
 SUITE = {scenario.name: scenario for scenario in load_suite("presses").scenarios}

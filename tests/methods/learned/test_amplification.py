@@ -16,6 +16,8 @@ from eitbench.scenarios.sensors.sensor import Sensor
 
 OHMC, FOAM = sensor("ohmc16"), sensor("foam16")
 A = 4.0
+WEAK = 0.03
+"""Contrast of a weak touch."""
 
 
 def touched(skin: Sensor, contrast: float) -> Array:
@@ -64,9 +66,9 @@ def test_frames_are_amplified_and_contrasts_and_spreads_weakened(name: str, skin
 
 @pytest.mark.parametrize("name", ["dnn", "phydnn", "learned-gn", "coarse-to-fine", "latent-flow"])
 def test_a_weak_touch_is_noise_to_a_network_until_it_is_amplified(name: str) -> None:
-    """Of a contrast of 3 %, without noise; networks of `ohmc16` were trained with 40 dB of it."""
-    frame, _ = frames(OHMC, 0.03)
-    truth = touched(OHMC, 0.03)[OHMC.mask]
+    """Without noise; networks of `ohmc16` were trained with 40 dB of it."""
+    frame, _ = frames(OHMC, WEAK)
+    truth = touched(OHMC, WEAK)[OHMC.mask]
     likeness = [
         np.corrcoef(fitted(name, OHMC, amplification=a).reconstruct(frame)[0][OHMC.mask], truth)[
             0, 1
