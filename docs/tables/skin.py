@@ -103,11 +103,13 @@ def _real_skin_training() -> str:
     """Return the error of validation presses by what networks learned from."""
     stored = pd.read_csv(STUDIES / "real-skin-training" / "errors.csv", keep_default_na=False)
     learned = stored[stored["learned_from"] != ""]
-    errors = learned.pivot(index="method", columns="learned_from", values="median_mm")
     skins = list(dict.fromkeys(learned["learned_from"]))
     rows = [
-        [f"`{method}`", *(f"{errors.loc[method, skin]:.1f}" for skin in skins)]
-        for method in dict.fromkeys(learned["method"])
+        [
+            f"`{method}`",
+            *(f"{of.median_mm:.1f} ({float(of.not_amplified_mm):.1f})" for of in part.itertuples()),
+        ]
+        for method, part in learned.groupby("method", sort=False)
     ]
     others = stored[stored["learned_from"] == ""]
     rows += [
