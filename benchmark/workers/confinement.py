@@ -110,12 +110,13 @@ def check_unreadable(place: Path) -> None:
     Raises:
         InputError: it lies in a folder that they may read.
     """
-    given = [Path(name) for name in (os.environ.get("EITBENCH_DATA"),) if name]
-    for folder in (*_needed(), *given):
+    named = [os.environ.get(name) for name in ("EITBENCH_DATA", "EITBENCH_EIDORS")]
+    caches = [cache_dir() / "weights", *own_places(cache_dir())]
+    for folder in (*_needed(), *caches, *(Path(name) for name in named if name)):
         if place.resolve().is_relative_to(folder.resolve()):
             raise InputError(
                 f"{place} lies in {folder}, which isolated methods may read: name a place outside "
-                "of the checkout, of Python, of recordings and of the system."
+                "of the checkout, of Python, of recordings, of caches and of the system."
             )
 
 

@@ -125,17 +125,20 @@ def test_a_key_that_is_not_published_draws_nothing(eitbench: Command, tmp_path: 
     assert "No such file" in err
 
 
+@pytest.mark.parametrize("folder", ["recordings", "eidors", "cache/weights", "cache/matplotlib"])
 @pytest.mark.parametrize("option", ["--key", "--out"])
 def test_nothing_secret_lies_where_isolated_methods_read(
-    eitbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str
+    eitbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str, folder: str
 ) -> None:
     _, printed, _ = eitbench("hidden", "new-key", tmp_path / "key")
     board = publish(tmp_path, printed)
     monkeypatch.setenv("EITBENCH_DATA", str(tmp_path / "recordings"))
-    (tmp_path / "recordings").mkdir()
-    (tmp_path / "recordings" / "key").write_text((tmp_path / "key").read_text())
+    monkeypatch.setenv("EITBENCH_EIDORS", str(tmp_path / "eidors"))
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
+    (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / folder / "key").write_text((tmp_path / "key").read_text())
     places = {"--key": tmp_path / "key", "--out": tmp_path / "run"}
-    places[option] = tmp_path / "recordings" / places[option].name
+    places[option] = tmp_path / folder / places[option].name
     where = [part for pair in places.items() for part in pair]
     code, _, err = eitbench("hidden", "run", "quick", "--records", board, *where)
     assert code == 2
