@@ -20,7 +20,7 @@ _GAINS = {
 def _gains() -> str:
     """Return the error of presses without and with gains of measurements, by method."""
     stored = pd.read_csv(STUDIES / "gains" / "presses.csv")
-    errors = stored.pivot_table(index="method", columns="gains", values="localisation_mm")
+    errors = stored.pivot(index="method", columns="gains", values="localisation_mm")
     last = errors["amplified"].fillna(errors["learned"]).fillna(errors["with"])
     errors = errors.loc[last.sort_values().index]
     rows = [
@@ -30,7 +30,13 @@ def _gains() -> str:
         ]
         for name, row in errors.iterrows()
     ]
-    return printed(["median error [mm]", *_GAINS.values()], rows)
+    changes = stored[stored["gains"] == "amplified"].set_index("method")
+    for row, name in zip(rows, errors.index, strict=True):
+        of = changes.loc[name] if name in changes.index else None
+        row.append(
+            "" if of is None else f"{of.change_mm:+.2f} ({of.low_mm:+.2f} to {of.high_mm:+.2f})"
+        )
+    return printed(["median error [mm]", *_GAINS.values(), "change of a press by that"], rows)
 
 
 def _skin_model() -> str:

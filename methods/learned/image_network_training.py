@@ -224,7 +224,6 @@ def train_image_network(method: type[ImageNetworkMethod], job: TrainingJob) -> T
             "beta": repr(beta),
             "gain_power": repr(request.gain_power),
             "train_samples": str(count),
-            "unlimited": str(int(request.unlimited or count > scenario.train)),
         },
         compared=compared,
         renewed=simulated if request.unlimited else None,

@@ -52,8 +52,8 @@ class TrainedMethod(Trainable, Method):
         effective_gain_power: which of the two it is, after `fit`.
         amplification: what differences are multiplied by before they go through the network, and
             contrasts are divided by after. To first order this is as if it had been trained with
-            less noise by this factor: what a regularisation's weight is to others. Touches of real
-            sensors are weaker than simulated ones, and a network takes weak touches for noise.
+            less noise by this factor: what a regularisation's weight is to others. Touches that are
+            far weaker than those of training a network takes for noise.
         begun_train_s: the part of `train_s` that weights of another method took, with whose images
             it begins [s].
     """

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from eitbench.methods.classical.linearisation import damping
+from eitbench.methods.classical.linearisation import GAINS, damping
 from eitbench.methods.classical.noser import noser_covariance
 from eitbench.methods.learned.image_networks import TrainedMethod
 from eitbench.methods.registry import register
@@ -143,6 +143,7 @@ class TankUNet(TrainedMethod):
     files: ClassVar = TankWeights("tank-unet", version="1")
     recipe: ClassVar = Recipe(epochs=7, batch=32, rate=2e-3)
     options: ClassVar = ("limit",)
+    search: ClassVar = GAINS  # its images are of classes, which no amplification weakens
 
     @classmethod
     def train(cls, job: TrainingJob) -> TrainingResult:

@@ -305,6 +305,8 @@ class TrainingJob:
             progress=self.request.progress,
         )
         seconds = sum(epoch.seconds for epoch in state.curve)
+        more = int(metadata.get("train_samples", "0")) > self.scenario.train
+        metadata = {**metadata, "unlimited": str(int(self.request.unlimited or more))}
         if renewed is not None:
             count = int(metadata["train_samples"]) * len(state.curve)
             metadata = {**metadata, "train_samples": str(count)}
@@ -316,7 +318,7 @@ class TrainingJob:
                 metadata = {**metadata, "train_samples": str(count)}
             metadata = {
                 **metadata,
-                "unlimited": max(metadata.get("unlimited", "0"), before.get("unlimited", "0")),
+                "unlimited": max(metadata["unlimited"], before.get("unlimited", "0")),
                 "begun_weights": str(self.settings["begun_weights"]),
             }
         best, on_gpu = state.best_epoch, self.device.type == "cuda"

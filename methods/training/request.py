@@ -52,8 +52,8 @@ class TrainingRequest:
             samples.
         epochs: how often every training sample is seen; by default those of the method.
         seed: of initial weights, order, noise and symmetries.
-        limit: training samples to use; all that the scenario declares by default. A training that
-            takes `unlimited` draws more if they are more.
+        limit: training samples to use; all that the scenario declares by default. Trainings on
+            images draw more if they are more, but not that of `tank-unet`.
         unlimited: True for new training samples in every epoch, as many as `limit` or the scenario
             says; the first epoch has the declared ones.
         start: "new" for a network that begins as its baseline, or "weights" to begin with the

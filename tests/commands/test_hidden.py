@@ -125,7 +125,9 @@ def test_a_key_that_is_not_published_draws_nothing(eitbench: Command, tmp_path: 
     assert "No such file" in err
 
 
-@pytest.mark.parametrize("folder", ["recordings", "eidors", "cache/weights", "cache/matplotlib"])
+@pytest.mark.parametrize(
+    "folder", ["recordings", "eidors", "cache/weights", "cache/simulated/train"]
+)
 @pytest.mark.parametrize("option", ["--key", "--out"])
 def test_nothing_secret_lies_where_isolated_methods_read(
     eitbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str, folder: str

@@ -121,7 +121,7 @@ def train(
         int | None,
         typer.Option(
             min=1,
-            help="Training samples (default: all declared; trainings on images take more, too).",
+            help="Training samples (default: all declared; surrogate and tank-unet take no more).",
         ),
     ] = None,
     unlimited: Annotated[

@@ -319,21 +319,29 @@ def test_contents_of_a_training_set_are_found_out_once(
     np.testing.assert_array_equal(training_contents(*asked), first)
 
 
-@pytest.mark.parametrize(("name", "count"), [("dnn", 24_000), ("learned-gn-large", 240_000)])
+@pytest.mark.parametrize(
+    ("name", "suite", "count"),
+    [
+        ("dnn", "paper", 24_000),
+        ("learned-gn-large", "paper", 240_000),
+        ("latent-flow", "presses", 24_000),
+    ],
+)
 def test_packaged_weights_come_with_the_contents_of_their_training_data(
-    name: str, count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, suite: str, count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So that a run need not draw so many phantoms to compare them."""
     monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path))
-    paper = scenarios()["paper"]
-    assert isinstance(paper, SimulatedScenario)
-    data = load("paper", split="validation", limit=2)
+    scenario = scenarios()[suite]
+    assert isinstance(scenario, SimulatedScenario)
+    data = load(suite, split="validation", limit=2)
     method = create(name)
     method.fit(Problem(data.sensor, data.references[0], own))
     assert int(method.trained_on["train_samples"]) == count
-    packaged = training_contents(paper, count, method.trained_on["train_data"])
+    assert int(method.trained_on["unlimited"]) == (count > scenario.train)
+    packaged = training_contents(scenario, count, method.trained_on["train_data"])
     assert not (tmp_path / "contents").exists()
-    drawn = (phantom(paper, "train", sample) for sample in (0, 1, count - 1))
+    drawn = (phantom(scenario, "train", sample) for sample in (0, 1, count - 1))
     assert np.isin(contents(tuple(drawn), None), packaged).all()
 
 

@@ -550,7 +550,6 @@ def test_more_training_samples_than_are_declared_follow_these(
     def fit(job: TrainingJob, task: ImageTask, train: Data, *others: Any, **options: Any) -> None:
         given.append(train)
         assert others[2]["train_samples"] == str(TINY.train + 40)
-        assert others[2]["unlimited"] == "1"
 
     monkeypatch.setattr(TrainingJob, "fit", fit)
     tiny = suite_of(tmp_path, TINY)
@@ -573,6 +572,20 @@ def test_more_training_samples_than_are_declared_follow_these(
     assert more.conductivity is not None
     np.testing.assert_allclose(images, more.conductivity / SENSOR.background, rtol=1e-6)
     assert len(difference) == len(images) == len(units) == len(more)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["dnn", "latent-flow", "coarse-to-fine"])
+@pytest.mark.parametrize("more", [0, 40])
+def test_weights_say_whether_they_learned_from_more_samples_than_are_declared(
+    name: str, more: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cls: Any = methods()[name]
+    monkeypatch.setattr(cls, "recipe", replace(cls.recipe, batch=16))
+    suite, count = suite_of(tmp_path, TINY), TINY.train + more
+    trained = train(TrainingRequest(name, suite, epochs=1, limit=count, out=tmp_path / "out"))
+    about = json.loads(trained.weights.with_suffix(".json").read_text())
+    assert (about["train_samples"], about["unlimited"]) == (str(count), str(int(more > 0)))
     assert len(np.unique(more.references, axis=0)) == -(-len(more) // TOUCHES)
 
 
