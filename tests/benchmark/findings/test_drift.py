@@ -111,6 +111,23 @@ def test_alarms_of_the_raw_voltages_and_of_an_image_that_is_right(
         alarms(record)
 
 
+def test_the_delay_is_that_from_the_first_frame_of_a_cut_to_its_alarm(recorded_data: Path) -> None:
+    data = load(scenario_by_name(DAMAGE))
+    number = round(data.samples["time_s"].iloc[0] / 8) + np.arange(len(data))
+    drift = 1e-6 * np.random.default_rng(0).standard_normal(len(data)).cumsum()
+    longer = [cut for cut in CUTS if cut.after - cut.first > 1]
+    assert longer
+    for late in (0, 1):
+        seen = np.zeros(len(data))
+        for cut in CUTS:
+            seen += (number >= cut.first + late) & (number < cut.after)
+        contrast = (drift + seen)[:, None, None] * np.ones(data.sensor.image_shape)
+        images = (data.sensor.background + contrast).astype(np.float32)
+        found = alarms(made(DAMAGE, {}, len(data), images))
+        found = found[found["method"] == "made"].set_index("cut")["delay_s"]
+        assert found[[cut.letter for cut in longer]].eq(8.0 * late).all()
+
+
 def test_no_window_around_a_cut_holds_another_one() -> None:
     for earlier, later in pairwise(CUTS):
         assert later.first - earlier.after >= _AROUND

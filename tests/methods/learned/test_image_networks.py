@@ -572,6 +572,7 @@ def test_more_training_samples_than_are_declared_follow_these(
     assert more.conductivity is not None
     np.testing.assert_allclose(images, more.conductivity / SENSOR.background, rtol=1e-6)
     assert len(difference) == len(images) == len(units) == len(more)
+    assert len(np.unique(more.references, axis=0)) == -(-len(more) // TOUCHES)
 
 
 @pytest.mark.slow
@@ -586,7 +587,6 @@ def test_weights_say_whether_they_learned_from_more_samples_than_are_declared(
     trained = train(TrainingRequest(name, suite, epochs=1, limit=count, out=tmp_path / "out"))
     about = json.loads(trained.weights.with_suffix(".json").read_text())
     assert (about["train_samples"], about["unlimited"]) == (str(count), str(int(more > 0)))
-    assert len(np.unique(more.references, axis=0)) == -(-len(more) // TOUCHES)
 
 
 def test_a_loss_of_logarithms_is_the_mean_psnr() -> None:
