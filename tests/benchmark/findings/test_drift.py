@@ -124,8 +124,8 @@ def test_the_delay_is_that_from_the_first_frame_of_a_cut_to_its_alarm(recorded_d
         contrast = (drift + seen)[:, None, None] * np.ones(data.sensor.image_shape)
         images = (data.sensor.background + contrast).astype(np.float32)
         found = alarms(made(DAMAGE, {}, len(data), images))
-        found = found[found["method"] == "made"].set_index("cut")["delay_s"]
-        assert found[[cut.letter for cut in longer]].eq(8.0 * late).all()
+        delays = found[found["method"] == "made"].set_index("cut")["delay_s"]
+        assert delays[[cut.letter for cut in longer]].eq(8.0 * late).all()
 
 
 def test_no_window_around_a_cut_holds_another_one() -> None:
