@@ -123,10 +123,10 @@ def own_places(folder: Path) -> list[Path]:
     That is its own folder, and caches of what methods learn from. It is nothing that others are
     scored with.
     """
-    return [folder / "own", *learned_from()]
+    return [folder / "own", *shared_caches()]
 
 
-def learned_from() -> list[Path]:
+def shared_caches() -> list[Path]:
     """Return the caches that every method may read and write: of what it learns from, and fonts."""
     learned = [split_folder(split) for split in ("train", "validation")]
     return [*learned, cache_dir() / "matplotlib"]

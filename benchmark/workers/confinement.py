@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from multiprocessing import util
 from pathlib import Path
 
-from eitbench.benchmark.workers.audit_hook import Watch, code_folder, learned_from, own_places
+from eitbench.benchmark.workers.audit_hook import Watch, code_folder, own_places, shared_caches
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.storage.cache_dir import cache_dir
 
@@ -111,7 +111,7 @@ def check_unreadable(place: Path) -> None:
         InputError: it lies in a folder that they may read.
     """
     named = [os.environ.get(name) for name in ("EITBENCH_DATA", "EITBENCH_EIDORS")]
-    caches = [cache_dir() / "weights", *learned_from()]
+    caches = [cache_dir() / "weights", *shared_caches()]
     for folder in (*_needed(), *caches, *(Path(name) for name in named if name)):
         if place.resolve().is_relative_to(folder.resolve()):
             raise InputError(

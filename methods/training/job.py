@@ -283,7 +283,7 @@ class TrainingJob:
         Args:
             task, train, validation, compared, renewed: see `loop.fit`.
             baseline: see `TrainingResult`; what the task's network is now, if it is a new one.
-            metadata: of the weights, beside what concerns all trainings.
+            metadata: of the weights, beside what concerns all trainings; `train_samples` among it.
 
         Raises:
             TrainingInterruptedError, DivergedError: as for `loop.fit`.
@@ -305,7 +305,7 @@ class TrainingJob:
             progress=self.request.progress,
         )
         seconds = sum(epoch.seconds for epoch in state.curve)
-        more = int(metadata.get("train_samples", "0")) > self.scenario.train
+        more = int(metadata["train_samples"]) > self.scenario.train
         metadata = {**metadata, "unlimited": str(int(self.request.unlimited or more))}
         if renewed is not None:
             count = int(metadata["train_samples"]) * len(state.curve)

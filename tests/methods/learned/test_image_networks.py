@@ -575,7 +575,6 @@ def test_more_training_samples_than_are_declared_follow_these(
     assert len(np.unique(more.references, axis=0)) == -(-len(more) // TOUCHES)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["dnn", "latent-flow", "coarse-to-fine"])
 @pytest.mark.parametrize("more", [0, 40])
 def test_weights_say_whether_they_learned_from_more_samples_than_are_declared(
