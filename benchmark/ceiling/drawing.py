@@ -38,9 +38,10 @@ from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 from eitbench.scenarios.suites.scenario import TOUCHES, Scenario, SimulatedScenario
 
-VERSION, SAME_SINCE = 3, 2
-"""The first is raised by one whenever a frame gives other draws than before. Frames with exact
-weights give the same ones since the second."""
+VERSION, KEPT_SINCE, KEPT_RHAT = 4, 2, 1.05
+"""The first is raised by one whenever a frame gives other draws than before. Recorded frames by
+versions since the second stay where their weights are exact and R-hat is below the third: they say
+nothing against the posterior that a later version would draw from, too."""
 CLEAN_DB, MOST_DB = 70.0, 80.0
 """SNR of the frames that stand for those without noise, whose posterior has no width, and the
 greatest one."""
@@ -156,8 +157,9 @@ def draw_posteriors(
         law = json.dumps(scenario.clean_parameters("test"))
         data = load(scenario, "test", samples, jobs=jobs, progress=progress)
         recorded = recorded_frames(scenario.name, scenario.data_hash("test") if record else None)
-        same = (recorded["version"] >= SAME_SINCE) & (recorded["effective"] >= CORRECTED)
-        recorded = recorded[same | (recorded["version"] == VERSION)]
+        kept = (recorded["version"] >= KEPT_SINCE) & (recorded["effective"] >= CORRECTED)
+        kept &= recorded["rhat"] < KEPT_RHAT
+        recorded = recorded[kept | (recorded["version"] == VERSION)]
         for sample, input_hash in enumerate(data.frame_hashes):
             path = _path(folder, scenario.name, sample)
             if sample not in recorded.index and _read(path, input_hash) is None:

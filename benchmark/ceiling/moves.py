@@ -96,14 +96,14 @@ class Moves:
 
     Attributes:
         prior: of the family.
-        turn: (P,) mean direction of the particles' angles.
+        centre: (P,) that vectors stand about, see `FamilyPrior`.
         coordinates: (n, P) of the particles.
         root: (P, P) of the covariance of these.
         emulator: of the predictions.
     """
 
     prior: FamilyPrior
-    turn: Array
+    centre: Array
     coordinates: Array
     root: Array
     emulator: Emulator
@@ -111,8 +111,8 @@ class Moves:
     @classmethod
     def about(cls, prior: FamilyPrior, vectors: Array, predictions: Array) -> Moves:
         """The moves about particles with vectors (n, P) and predictions (n, K)."""
-        turn = prior.mean_turn(vectors)
-        coordinates, _ = prior.parameters.straightened(prior.unwrapped(vectors, turn))
+        centre = prior.centre(vectors)
+        coordinates, _ = prior.parameters.straightened(prior.arranged(vectors, centre))
         count, width = coordinates.shape
         away = coordinates - coordinates.mean(axis=0)
         deviations = away.std(axis=0) + 1e-12
@@ -121,14 +121,14 @@ class Moves:
         believed = count / (count + width)
         correlation = believed * away.T @ away / count + (1 - believed + 1e-9) * np.eye(width)
         root = deviations[:, None] * linalg.cholesky(correlation, lower=True)
-        return cls(prior, turn, coordinates, root, Emulator.fitted(coordinates, predictions))
+        return cls(prior, centre, coordinates, root, Emulator.fitted(coordinates, predictions))
 
     def state(self, vectors: Array, log_likelihood: Callable[[Array], Array]) -> State:
         """The state of particles with vectors (n, P); `log_likelihood` is of predictions."""
-        unwrapped = self.prior.unwrapped(vectors, self.turn)
-        coordinates, volume = self.prior.parameters.straightened(unwrapped)
-        log_prior = self.prior.log_density(vectors) + volume
-        return State(vectors, coordinates, log_prior, log_likelihood(self.emulator(coordinates)))
+        arranged = self.prior.arranged(vectors, self.centre)
+        coordinates, volume = self.prior.parameters.straightened(arranged)
+        log_prior = self.prior.log_density(arranged) + volume
+        return State(arranged, coordinates, log_prior, log_likelihood(self.emulator(coordinates)))
 
     def moved(
         self,
@@ -149,8 +149,8 @@ class Moves:
         """
         parameters, count = self.prior.parameters, len(now.vectors)
         step = stride ** rng.random((count, 1)) * self._steps(count, proposals, rng)
-        vectors = self.prior.wrapped(parameters.bent(now.coordinates + step))
-        tried = np.flatnonzero(self.prior.standing(vectors))
+        vectors = self.prior.unwrapped(parameters.bent(now.coordinates + step), self.centre)
+        tried = np.flatnonzero(self.prior.standing(vectors, self.centre))
         ahead = self.state(vectors[tried], log_likelihood)
         gain = ahead.log_prior - now.log_prior[tried]
         gain += ahead.log_likelihood - now.log_likelihood[tried]
@@ -161,7 +161,7 @@ class Moves:
 
     def _steps(self, count: int, proposals: Proposals, rng: np.random.Generator) -> Array:
         """Steps (count, P) of the longest length."""
-        width = len(self.turn)
+        width = len(self.centre)
         steps = rng.standard_normal((count, width)) @ self.root.T
         if proposals == "differences":
             one, other = rng.integers(len(self.coordinates), size=(2, count))

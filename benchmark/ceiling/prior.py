@@ -23,7 +23,7 @@ from functools import cached_property
 import numpy as np
 
 from eitbench.methods.shapes.parameters import Parameters
-from eitbench.scenarios.arrays import Array, Mask
+from eitbench.scenarios.arrays import Array, Index, Mask
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.families import Family
 from eitbench.scenarios.phantoms.phantom import draw
@@ -37,14 +37,19 @@ ROUND = 1 - math.cos(math.pi / RIM_POINTS)
 thousand vectors that fit with it."""
 PERIODS = {"rectangle": math.pi, "ellipse": math.pi, "star": 2 * math.pi / 5}
 """Angle after which a shape looks the same, where that is less than a full turn."""
+ROUNDS = 4
+"""How often the mean that vectors stand about is found anew."""
 
 
 @dataclass(frozen=True, eq=False)
 class FamilyPrior:
     """The law of one family on one sensor.
 
-    One vector stands for all that give the same phantom: angles lie within a shape's period, a
-    rectangle is at least as wide as high, and several inclusions are ordered by x.
+    Several vectors give the same phantom: inclusions may be in any order, and a shape may be turned
+    by its period, or a rectangle by a quarter with its sides exchanged. Of these, one *stands* for
+    the phantom about a centre (P,): the one with the inclusions nearest to those of the centre and
+    with the angles nearest to its angles. Draws of a posterior that are close to each other as
+    phantoms are then close as vectors, too.
 
     Attributes:
         parameters: of the family, with one shape.
@@ -84,45 +89,55 @@ class FamilyPrior:
         """Vectors (count, P), from the generator of phantoms itself."""
         family, sensor = self.parameters.family, self.parameters.sensor
         drawn = (draw(family, sensor, rng) for _ in range(count))
-        return self.folded(np.array([self.parameters.of_phantom(phantom) for phantom in drawn]))
+        return np.array([self.parameters.of_phantom(phantom) for phantom in drawn])
 
-    def folded(self, vectors: Array) -> Array:
-        """The vectors (n, P) that stand for the same phantoms as `vectors` (n, P) do."""
-        parts = self.parameters.parts(vectors).copy()
+    def centre(self, vectors: Array) -> Array:
+        """The mean (P,) of vectors (n, P) that stand about it, nearly."""
+        centre = vectors[0]
+        for _ in range(ROUNDS):
+            centre = self.arranged(vectors, centre).mean(axis=0)
+        return centre
+
+    def arranged(self, vectors: Array, centre: Array) -> Array:
+        """The vectors (n, P) that stand for the phantoms of `vectors` (n, P) about a centre."""
+        parts = self.parameters.parts(vectors)
+        order = self._orders[self._nearest(vectors, centre)]
+        ordered = np.take_along_axis(parts, order[..., None], axis=1).reshape(vectors.shape)
+        found = self.unwrapped(ordered, centre)
         if self._shape == "rectangle":  # x, y, angle, width, height, level
-            turned = parts[..., 3] < parts[..., 4]
-            parts[turned, 3], parts[turned, 4] = parts[turned, 4], parts[turned, 3]
-            parts[turned, 2] += math.pi / 2
-        order = np.argsort(parts[..., 0], axis=1)
-        folded = np.take_along_axis(parts, order[..., None], axis=1).reshape(vectors.shape)
-        return self.wrapped(folded)
+            of, about = self.parameters.parts(found), self.parameters.parts(centre[None])
+            away = of[..., 2] - about[..., 2]
+            turned = np.abs(away) > math.pi / 4
+            of[turned, 3], of[turned, 4] = of[turned, 4], of[turned, 3]
+            of[turned, 2] -= math.pi / 2 * np.sign(away[turned])
+        return found
 
-    def wrapped(self, vectors: Array) -> Array:
-        """Vectors (n, P) with angles within the shape's period."""
+    def unwrapped(self, vectors: Array, centre: Array) -> Array:
+        """Vectors (n, P) with angles within half of a period of those of a centre (P,)."""
         turns = ~np.isfinite(self.parameters.high)
         period = PERIODS.get(self._shape, 2 * math.pi)
-        return np.where(turns, vectors % period, vectors)
-
-    def mean_turn(self, vectors: Array) -> Array:
-        """Mean direction (P,) of the angles of vectors (n, P), within the shape's period."""
-        period = PERIODS.get(self._shape, 2 * math.pi)
-        turns = np.exp(2j * np.pi / period * vectors).mean(axis=0)
-        return np.asarray(np.angle(turns) * period / (2 * np.pi))
-
-    def unwrapped(self, vectors: Array, mean: Array) -> Array:
-        """Vectors (n, P) with angles within half of a period of their `mean` direction (P,)."""
-        turns = ~np.isfinite(self.parameters.high)
-        period = PERIODS.get(self._shape, 2 * math.pi)
-        around = (vectors - mean + period / 2) % period + mean - period / 2
+        around = (vectors - centre + period / 2) % period + centre - period / 2
         return np.where(turns, around, vectors)
 
-    def standing(self, vectors: Array) -> Mask:
-        """True (n,) for vectors (n, P) within their ranges that stand for their phantoms."""
-        parts = self.parameters.parts(vectors)
-        standing = self.parameters.within(vectors) & (np.diff(parts[..., 0]) >= 0).all(axis=1)
+    def standing(self, vectors: Array, centre: Array) -> Mask:
+        """True (n,) for unwrapped vectors (n, P) in their ranges that stand about a centre (P,)."""
+        standing = self.parameters.within(vectors) & (self._nearest(vectors, centre) == 0)
         if self._shape == "rectangle":
-            standing &= (parts[..., 3] >= parts[..., 4]).all(axis=1)
+            away = self.parameters.parts(vectors - centre)[..., 2]
+            standing &= (np.abs(away) <= math.pi / 4).all(axis=1)
         return np.asarray(standing)
+
+    def _nearest(self, vectors: Array, centre: Array) -> Index:
+        """The number (n,) of the order of inclusions whose places are nearest to a centre's."""
+        places, to = (self.parameters.parts(of)[..., :2] for of in (vectors, centre[None]))
+        squares = ((places[:, :, None] - to[:, None]) ** 2).sum(axis=-1)
+        count = self.parameters.family.count
+        return np.asarray(squares[:, self._orders, np.arange(count)].sum(axis=-1).argmin(axis=-1))
+
+    @cached_property
+    def _orders(self) -> Index:
+        """The orders (count!, count) of inclusions, that of the vector first."""
+        return np.array(list(itertools.permutations(range(self.parameters.family.count))))
 
     def fitting(self, vectors: Array) -> Mask:
         """True (n,) for vectors (n, ...), filled up or not, whose phantoms fit into the sensor."""

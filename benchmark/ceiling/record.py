@@ -22,7 +22,9 @@ from eitbench.scenarios.arrays import Array, Index
 RECORDS = Path(__file__).parent / "records"
 CURVES = ("ranks", "sparsified")
 """What a record keeps of the draws of a frame besides its figures, as `STORED` has it."""
-_NOTHING = pd.DataFrame(columns=["scenario", "sample", "version", "input_hash", "mse", "effective"])
+_NOTHING = pd.DataFrame(
+    columns=["scenario", "sample", "version", "input_hash", "mse", "rhat", "effective"]
+)
 
 
 @lru_cache(maxsize=1)

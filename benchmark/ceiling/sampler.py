@@ -10,8 +10,8 @@ keep their size (annealed sequential Monte Carlo: Del Moral, Doucet and Jasra 20
 raises b by as much as leaves the share `ENOUGH` of the particles of every likely family effective,
 draws them anew by their weights, and moves each within its family (`moves`). As particles close in,
 the stand-in is fitted anew to exact solutions of some of them; what that changes is part of the
-weights. A family has `PARTICLES` for each of its parameters until it is given up; the products of
-their mean weights are its evidence, which says how likely it is.
+weights. A family has `PARTICLES` for each term of its emulator until it is given up; the products
+of their mean weights are its evidence, which says how likely it is.
 
 In the end, `CHECKED` of the particles are solved exactly, and after further moves as many again,
 until their weights, the exact likelihood over that of the stand-in, leave enough of them: these are
@@ -38,9 +38,9 @@ from eitbench.benchmark.ceiling.prior import FamilyPrior
 from eitbench.methods.shapes.posterior import ACCEPTED, ENOUGH, resampled
 from eitbench.scenarios.arrays import Array, Index, Mask
 
-PARTICLES, LIBRARY = 50, 5
-"""Particles of a family, for each of its parameters, and draws of the prior, for each particle,
-that they begin from."""
+PARTICLES, LIBRARY = 12, 5
+"""Particles of a family, for each term of its emulator, whose number grows as the square of that of
+parameters; and draws of the prior, for each particle, that they begin from."""
 CHAINS = (4, 24)
 """Steps of the chains, by the emulator, at whose ends the moves of a particle in a step aim."""
 LIKELY, UNLIKELY = 1e-3, 1e-6
@@ -113,7 +113,7 @@ def library(models: PhantomModels, rng: np.random.Generator) -> Particles:
 
 def _particles(prior: FamilyPrior) -> int:
     """Particles of a family."""
-    return PARTICLES * len(prior.parameters.low)
+    return PARTICLES * math.comb(len(prior.parameters.low) + 2, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,8 +300,9 @@ class _Annealing:
 
         other = Particles._make(values.copy() for values in self._particles)
         risen, taken = np.zeros(len(other.families)), []
+        moved = np.zeros(len(other.families), dtype=bool)
         for of, moves in families:
-            width = len(moves.turn)
+            width = len(moves.centre)
             state = begin = moves.state(other.vectors[of, :width], log_likelihood)
             for _ in range(length):
                 state, share = moves.moved(
@@ -310,7 +311,7 @@ class _Annealing:
                 taken.append(share)
             other.vectors[of, :width] = state.vectors
             risen[of] = state.log_likelihood - begin.log_likelihood
-        moved = (other.vectors != self._particles.vectors).any(axis=1)
+            moved[of] = (state.vectors != begin.vectors).any(axis=1)
         other.quick[moved] = self._models.quick(other.families[moved], other.vectors[moved])
         self._stride = min(self._stride * math.exp(float(np.mean(taken)) - ACCEPTED), 1.0)
         return other, risen

@@ -37,7 +37,7 @@ def test_ceiling_prints_and_writes_the_same_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Four samples are a session and a part of one."""
-    monkeypatch.setattr(sampler, "PARTICLES", 20)
+    monkeypatch.setattr(sampler, "PARTICLES", 6)
     suite, out = tmp_path / "few.toml", tmp_path / "out"
     suite.write_text(SUITE)
     arguments = ["ceiling", str(suite), "--samples", "10", "--out", str(out)]

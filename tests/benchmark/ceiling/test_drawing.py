@@ -29,7 +29,7 @@ FAST = SimulatedScenario(
 
 @pytest.fixture
 def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sampler, "PARTICLES", 20)
+    monkeypatch.setattr(sampler, "PARTICLES", 6)
 
 
 @pytest.mark.parametrize(
@@ -118,10 +118,10 @@ def test_frames_by_an_older_sampler_are_drawn_again(
     older = write_older_record(scenario, tmp_path, monkeypatch)
     assert (older["effective"] >= sampler.CORRECTED).all()
     try:
-        monkeypatch.setattr(drawing, "SAME_SINCE", drawing.VERSION - 1)
+        monkeypatch.setattr(drawing, "KEPT_SINCE", drawing.VERSION - 1)
         draw_posteriors([scenario], tmp_path / "none", 2, record=True)
         assert not (tmp_path / "none").exists()
-        monkeypatch.setattr(drawing, "SAME_SINCE", drawing.VERSION)
+        monkeypatch.setattr(drawing, "KEPT_SINCE", drawing.VERSION)
         draw_posteriors([scenario], tmp_path / "new", 2, record=True)
         assert len(list((tmp_path / "new" / "few").iterdir())) == 2
         frames = write_record(
@@ -141,7 +141,7 @@ def write_older_record(
     scenario: SimulatedScenario, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> pd.DataFrame:
     """Make the product's record one of `scenario`, by a sampler of the version before."""
-    monkeypatch.setattr(sampler, "PARTICLES", 20)
+    monkeypatch.setattr(sampler, "PARTICLES", 6)
     now, older = drawing.VERSION, drawing.VERSION - 1
     for module in (drawing, figures):
         monkeypatch.setattr(module, "VERSION", older)

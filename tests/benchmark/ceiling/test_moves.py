@@ -46,6 +46,7 @@ def test_without_a_frame_moves_keep_the_law_of_phantoms(name: str, proposals: Pr
     (prior,), rng = FamilyPrior.of(FAMILIES[name], SENSOR), np.random.default_rng(1)
     begin, others = prior.draw(1000, rng), prior.draw(1000, rng)
     moves = Moves.about(prior, begin, np.zeros((1000, 1)))
+    begin, others = (prior.arranged(of, moves.centre) for of in (begin, others))
 
     def log_likelihood(predictions: Array) -> Array:
         return np.zeros(len(predictions))

@@ -20,6 +20,7 @@ KNOWN = [
     )
     for number in range(len(FAMILIES[name].shapes))
 ]
+FOUR = FAMILIES["four-contacts"]
 
 
 @pytest.mark.parametrize(("family", "number"), KNOWN)
@@ -30,7 +31,9 @@ def test_the_density_integrates_to_one(family: Family, number: int) -> None:
     period = PERIODS.get(family.shapes[number].name, 2 * math.pi)
     spans = np.where(turns, period, parameters.span)
     vectors = np.where(turns, 0, parameters.low) + spans * rng.random((3000, len(spans)))
-    counted = prior.standing(vectors)
+    centre = prior.centre(prior.draw(20, rng))
+    vectors = prior.unwrapped(vectors, centre)
+    counted = prior.standing(vectors, centre)
     counted[counted] = parameters.possible(vectors[counted])
     density = np.where(counted, np.exp(prior.log_density(vectors)), 0) * spans.prod()
     error = density.std() / math.sqrt(len(density))
@@ -49,16 +52,19 @@ def test_the_share_of_places_of_a_disc_is_what_geometry_says() -> None:
     np.testing.assert_allclose(found, expected, atol=0.03)
 
 
-@pytest.mark.parametrize(("family", "number"), KNOWN)
-def test_folded_vectors_stand_for_the_same_phantoms(family: Family, number: int) -> None:
+@pytest.mark.parametrize(("family", "number"), [*KNOWN, pytest.param(FOUR, 0, id="four-contacts")])
+def test_arranged_vectors_stand_for_the_same_phantoms(family: Family, number: int) -> None:
+    """About any centre; and what stands is not changed by arranging it."""
     prior, rng = FamilyPrior.of(family, SENSOR)[number], np.random.default_rng(4)
     for _ in range(20):
         phantom = draw(prior.parameters.family, SENSOR, rng)
         vector = prior.parameters.of_phantom(phantom)
-        folded = prior.folded(vector[None])
-        assert prior.standing(folded).all()
-        assert prior.fitting(folded).all()
-        image = prior.parameters.image(folded[0]) * SENSOR.background
+        (centre,) = prior.draw(1, rng)
+        arranged = prior.arranged(vector[None], centre)
+        assert prior.standing(arranged, centre).all()
+        np.testing.assert_allclose(prior.arranged(arranged, centre), arranged)
+        assert prior.fitting(arranged).all()
+        image = prior.parameters.image(arranged[0]) * SENSOR.background
         differ = ~np.isclose(image, rasterise(phantom, SENSOR), rtol=1e-12)
         # An ellipse is painted as a polygon; rounding of a turn may move a pixel.
         assert differ.sum() <= (12 if family.name == "ellipse" else 1)
@@ -73,13 +79,27 @@ def test_the_shapes_of_a_family_are_drawn_as_often_as_said() -> None:
         assert drawn.count(shape.name) / 1000 == pytest.approx(prior.share, abs=0.063)
 
 
-def test_angles_are_unwrapped_about_their_mean() -> None:
+def test_angles_are_those_nearest_to_a_centre() -> None:
     (prior,) = FamilyPrior.of(FAMILIES["rectangle"], SENSOR)
     vectors = np.tile([0.5, 0.5, 0.0, 0.3, 0.2, 0.5], (4, 1))
     vectors[:, 2] = [0.1, math.pi - 0.1, 0.2, math.pi - 0.2]
-    unwrapped = prior.unwrapped(vectors, prior.mean_turn(vectors))
-    assert np.ptp(unwrapped[:, 2]) == pytest.approx(0.4)
-    np.testing.assert_allclose(prior.wrapped(unwrapped), vectors)
+    arranged = prior.arranged(vectors, prior.centre(vectors))
+    assert np.ptp(arranged[:, 2]) == pytest.approx(0.4)
+    np.testing.assert_array_equal(arranged[:, 3:5], vectors[:, 3:5])
+
+
+def test_phantoms_that_are_alike_have_vectors_that_are_close() -> None:
+    """A square whose longer side is now one and now the other; contacts above each other."""
+    (square,) = FamilyPrior.of(FAMILIES["rectangle"], SENSOR)
+    vectors = np.array([[0.5, 0.5, 0.1, 0.21, 0.2, 0.5], [0.5, 0.5, 0.12, 0.2, 0.21, 0.5]])
+    vectors[1, 2:5] = 0.12 + math.pi / 2, 0.21, 0.2
+    assert np.ptp(square.arranged(vectors, square.centre(vectors)), axis=0).max() < 0.021
+    (four,) = FamilyPrior.of(FOUR, SENSOR)
+    contacts = np.array([[0.30, 0.2, 0.05, 0.5], [0.31, 0.8, 0.08, 0.3],
+                         [0.70, 0.8, 0.06, 0.4], [0.71, 0.2, 0.07, 0.6]])  # fmt: skip
+    other = contacts + [0.0, 0.01, 0.001, 0.02]
+    vectors = np.stack([contacts.ravel(), other[[1, 0, 3, 2]].ravel()])
+    assert np.ptp(four.arranged(vectors, four.centre(vectors)), axis=0).max() < 0.021
 
 
 def test_a_value_that_does_not_vary_is_refused() -> None:
