@@ -93,7 +93,7 @@ class FamilyPrior:
 
     def centre(self, vectors: Array) -> Array:
         """The mean (P,) of vectors (n, P) that stand about it, nearly."""
-        centre = vectors[0]
+        centre: Array = vectors[0]
         for _ in range(ROUNDS):
             centre = self.arranged(vectors, centre).mean(axis=0)
         return centre
