@@ -68,6 +68,15 @@ def test_a_run_prints_its_leaderboard_and_where_everything_is(
     assert "manifest.json" in err
 
 
+def test_a_run_without_any_image_ends_with_an_error(tmp_path: Path, eitbench: Run) -> None:
+    folder = tmp_path / "first"
+    choice = ("--plugin", TOYS, "--methods", "toy-raises", "--limit", "2", "--out", folder)
+    code, out, _ = eitbench("run", TINY, *choice)
+    assert code == 1
+    assert "'toy-raises' on 'tiny': 2 samples failed" in out
+    assert (folder / "leaderboard.json").is_file()
+
+
 @pytest.mark.slow
 def test_operators_are_run_and_printed_like_methods(tmp_path: Path, eitbench: Run) -> None:
     folder = tmp_path / "operators"

@@ -155,7 +155,7 @@ def run(
             progress=progress,
         )
     _show_run(result, as_json, limit)
-    if result.refused:
+    if result.refused or _all_failed(result.path):
         raise typer.Exit(1)
 
 
@@ -238,6 +238,14 @@ def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
     for path in figures:
         if path.suffix in (".png", ".md"):
             typer.echo(f"{'Picture' if path.suffix == '.png' else 'Table'}: {path}")
+
+
+def _all_failed(run: Path) -> bool:
+    """True for a run that has samples, none of them with an image or voltages."""
+    from eitbench.benchmark.analysis.results import read_run
+
+    samples = read_run(run).samples
+    return not samples.empty and not (samples["status"] == "ok").any()
 
 
 def _complete(run: Path) -> tuple[list[dict[str, Any]], list[Path]]:
