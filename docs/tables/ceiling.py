@@ -98,6 +98,23 @@ def _by_family(suite: str) -> str:
     return printed(heads, rows)
 
 
+def _versions() -> str:
+    """How many frames of each level are by which version of the sampler."""
+    parts = []
+    for suite in ("noise", "shapes", "sim2real"):
+        of = frames(suite)
+        rows = of.drop_duplicates("scenario").to_dict("records")
+        names = {row["scenario"]: f"`{suite}`, {_level(suite, row)}" for row in rows}
+        parts.append(of.assign(level=of["scenario"].map(names)))
+    counts = pd.concat(parts).groupby(["level", "version"], sort=False).size().unstack(fill_value=0)
+    counts = counts.sort_index(axis=1)
+    rows = [
+        [str(level), *map(str, row)]
+        for level, row in zip(counts.index, counts.to_numpy(), strict=True)
+    ]
+    return printed(["frames by version", *map(str, counts.columns)], rows)
+
+
 def _offsets(same: str) -> str:
     """Patterns (i, i + k) by the ceiling, beside k = 3 on the same frames.
 
@@ -128,6 +145,7 @@ TABLES = {
     "ceiling by offset with the same noise": lambda: _offsets("noise"),
     "ceiling": lambda: _figures("noise", _COLUMNS),
     "ceiling checks": lambda: _figures("noise", _CHECKS),
+    "versions of the sampler": _versions,
     "below the ceiling": lambda: _below("noise"),
     "ceiling of rungs": lambda: _figures("sim2real", _COLUMNS),
     "ceiling checks of rungs": lambda: _figures("sim2real", _CHECKS),
