@@ -39,6 +39,8 @@ PERIODS = {"rectangle": math.pi, "ellipse": math.pi, "star": 2 * math.pi / 5}
 """Angle after which a shape looks the same, where that is less than a full turn."""
 ROUNDS = 4
 """How often the mean that vectors stand about is found anew."""
+MOST = 5
+"""Inclusions of a family: all their orders are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +71,8 @@ class FamilyPrior:
         unknown = f"The ceiling is not known for family {family.name!r}: it needs "
         if family.levels:
             raise InputError(f"{unknown}conductivities or pressures that are drawn from a range.")
+        if family.count > MOST:
+            raise InputError(f"{unknown}at most {MOST} inclusions, not {family.count}.")
         found = []
         for shape in family.shapes:
             unlike = shape.name == "rectangle" and shape.sizes["width"] != shape.sizes["height"]
@@ -149,12 +153,22 @@ class FamilyPrior:
         return np.asarray(constant - self._powers(vectors) @ self._log_share)
 
     def _powers(self, vectors: Array) -> Array:
-        """Polynomials (n, terms) of the sizes, each scaled to -1 .. 1."""
-        sized = self._sized
+        """Polynomials (n, terms) of the sizes, each scaled to -1 .. 1.
+
+        They are the same for all vectors of a phantom: the sizes of inclusions are ordered by the
+        first of them, and the sides of a rectangle by themselves.
+        """
+        sized, count = self._sized, self.parameters.family.count
         low, high = self.parameters.low[sized], self.parameters.high[sized]
-        scaled = (2 * vectors[:, sized] - low - high) / (high - low)
+        scaled = ((2 * vectors[:, sized] - low - high) / (high - low)).reshape(
+            len(vectors), count, -1
+        )
+        if self._shape == "rectangle":
+            scaled = np.sort(scaled, axis=2)
+        order = np.argsort(scaled[..., :1], axis=1)
+        ordered = np.take_along_axis(scaled, order, axis=1).reshape(len(vectors), -1)
         degrees = itertools.product(range(DEGREE + 1), repeat=int(sized.sum()))
-        terms = [np.prod(scaled**degree, axis=1) for degree in degrees if sum(degree) <= DEGREE]
+        terms = [np.prod(ordered**degree, axis=1) for degree in degrees if sum(degree) <= DEGREE]
         return np.stack(terms, axis=1)
 
     @cached_property

@@ -38,7 +38,7 @@ from eitbench.benchmark.ceiling.prior import FamilyPrior
 from eitbench.methods.shapes.posterior import ACCEPTED, ENOUGH, resampled
 from eitbench.scenarios.arrays import Array, Index, Mask
 
-PARTICLES, LIBRARY = 12, 5
+PARTICLES, LIBRARY = 14, 5
 """Particles of a family, for each term of its emulator, whose number grows as the square of that of
 parameters; and draws of the prior, for each particle, that they begin from."""
 CHAINS = (4, 24)
@@ -51,8 +51,10 @@ SOLVED, SOLVED_LAST = 32, 50
 """Exact solutions that it is fitted to on the way, and at b = 1."""
 KEPT, FALL, FALLS = 0.3, 0.7, 12
 """Effective share that a fit leaves, or b falls by this factor, so often at most."""
-SETTLED, FITS = 0.5, 5
-"""Effective share that a fit at b = 1 leaves when it is the last one, and the most such fits."""
+SETTLED, FALLING, FITS, RECENT = 0.5, 0.8, 12, 3
+"""Effective share that a fit at b = 1 leaves when it is the last one; its errors over those of the
+fit before, below which another one follows; the most such fits; and the solutions of how many of
+them a fit is to."""
 CHECKED, BATCHES = 200, 10
 """Particles that are solved exactly at once in the end, and how often at most."""
 CORRECTED = 0.3
@@ -165,15 +167,17 @@ class _Annealing:
     def run(self) -> None:
         """Take the particles to p L_1."""
         self._sharpen(1 / LIBRARY)
-        fitted_at, fits, share = self._sharpness, 0, 0.0
-        while fits < FITS and (self._sharpness < 1 or share < SETTLED):
+        fitted_at, fits, share, falling = self._sharpness, 0, 0.0, True
+        while fits < FITS and (self._sharpness < 1 or share < SETTLED or falling):
             self._move()
             if self._sharpness < 1:
                 self._sharpen(ENOUGH)
             last = self._sharpness == 1
             if last or self._sharpness > CLOSER * fitted_at:
                 fitted_at = self._sharpness
+                before = self._errors.variances.sum()
                 share = self._fit(SOLVED_LAST if last else SOLVED)
+                falling = bool(self._errors.variances.sum() < FALLING * before)
                 fits += last
         while self._sharpness < 1:
             self._move()
@@ -198,17 +202,19 @@ class _Annealing:
     def _fit(self, count: int) -> float:
         """Fit the stand-in anew, to exact solutions of so many particles.
 
-        At b = 1, those of earlier fits count, too. Where particles were led astray, b falls until
-        enough of every likely family are effective.
+        Half of them are chosen as likely as their families are. At b = 1, those of the fits before
+        count, too. Where particles were led astray, b falls until enough of every likely family are
+        effective.
         Returns the least share of a likely family that would be effective at the same b.
         """
-        some = self._rng.choice(len(self._particles.families), count, replace=False)
+        chances = (self._even() + 1 / len(self._particles.families)) / 2
+        some = resampled(chances, count, self._rng)
         chosen = self._particles.take(some)
         exact = self._models.exact(chosen.families, chosen.vectors)
         before = self._log_likelihood(self._particles)
         pairs = [(chosen.quick, exact)]
         if self._sharpness == 1:
-            pairs = self._solved = [*self._solved, *pairs]
+            pairs = self._solved = [*self._solved[1 - RECENT :], *pairs]
         self._use(StandIn.fitted(*map(np.concatenate, zip(*pairs, strict=True))))
         of = self._of(LIKELY).values()
         powers = self._sharpness * FALL ** np.arange(FALLS)

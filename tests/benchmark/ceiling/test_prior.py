@@ -97,8 +97,11 @@ def test_phantoms_that_are_alike_have_vectors_that_are_close() -> None:
     (four,) = FamilyPrior.of(FOUR, SENSOR)
     contacts = np.array([[0.30, 0.2, 0.05, 0.5], [0.31, 0.8, 0.08, 0.3],
                          [0.70, 0.8, 0.06, 0.4], [0.71, 0.2, 0.07, 0.6]])  # fmt: skip
-    vectors = np.stack([contacts.ravel(), contacts[[1, 0, 3, 2]].ravel() + 0.002])
-    assert np.ptp(four.arranged(vectors, four.centre(vectors)), axis=0).max() < 0.0021
+    moved = contacts + np.array([[0.012], [-0.012], [0.012], [-0.012]]) * [1, 0, 0, 0]
+    moved = moved[np.argsort(moved[:, 0])]
+    vectors = np.stack([contacts.ravel(), moved.ravel()])
+    assert np.ptp(vectors, axis=0).max() > 0.5
+    assert np.ptp(four.arranged(vectors, four.centre(vectors)), axis=0).max() < 0.0121
 
 
 def test_a_value_that_does_not_vary_is_refused() -> None:
@@ -107,6 +110,30 @@ def test_a_value_that_does_not_vary_is_refused() -> None:
     )
     with pytest.raises(InputError, match="ranges that have a width"):
         FamilyPrior.of(fixed.family(), SENSOR)
+
+
+def test_a_family_of_many_inclusions_is_refused() -> None:
+    many = DeclaredFamily(
+        name="many",
+        shape="circle",
+        sizes={"radius": (0.02, 0.04)},
+        conductivity=(0.2, 0.5),
+        count=6,
+    )
+    with pytest.raises(InputError, match="at most 5 inclusions, not 6"):
+        FamilyPrior.of(many.family(), SENSOR)
+
+
+@pytest.mark.parametrize(("family", "number"), [*KNOWN, pytest.param(FOUR, 0, id="four-contacts")])
+def test_the_density_is_that_of_the_phantom(family: Family, number: int) -> None:
+    """All vectors of a phantom have the same."""
+    prior, rng = FamilyPrior.of(family, SENSOR)[number], np.random.default_rng(6)
+    vectors, centres = prior.draw(20, rng), prior.draw(5, rng)
+    density = prior.log_density(vectors)
+    assert np.ptp(density) > 0 or not prior._sized.any()
+    for centre in centres:
+        arranged = prior.arranged(vectors, centre)
+        np.testing.assert_allclose(prior.log_density(arranged), density, atol=1e-9)
 
 
 def test_a_family_without_parameters_is_refused() -> None:
