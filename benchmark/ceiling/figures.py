@@ -279,7 +279,12 @@ def write_record(
     about = {
         "command": f"eitbench ceiling {suite} --scenarios {named} --samples {samples} "
         f"{'--record ' * record}--out DIR",
-        "sampler": {"version": VERSION, "particles": PARTICLES, "library": LIBRARY, "seeds": SEEDS},
+        "sampler": {
+            "version": VERSION,
+            "particles_per_term": PARTICLES,
+            "library": LIBRARY,
+            "seeds": SEEDS,
+        },
         "data": {
             of.name: of.data_hash("test")
             for of in map(told, scenarios)

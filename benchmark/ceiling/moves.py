@@ -38,26 +38,26 @@ class Emulator:
     """Predictions as a quadratic of coordinates.
 
     Attributes:
-        centre: (P,) mean of the coordinates that it was fitted to.
+        mean: (P,) of the coordinates that it was fitted to.
         scale: (P,) their standard deviations.
         coefficients: (T, K) of the terms.
     """
 
-    centre: Array
+    mean: Array
     scale: Array
     coefficients: Array
 
     @classmethod
     def fitted(cls, coordinates: Array, predictions: Array) -> Emulator:
         """The one that is nearest to predictions (n, K) at coordinates (n, P)."""
-        centre, scale = coordinates.mean(axis=0), coordinates.std(axis=0) + 1e-12
-        terms = _terms((coordinates - centre) / scale)
+        mean, scale = coordinates.mean(axis=0), coordinates.std(axis=0) + 1e-12
+        terms = _terms((coordinates - mean) / scale)
         squares = terms.T @ terms + RIDGE * np.eye(terms.shape[1])
-        return cls(centre, scale, linalg.solve(squares, terms.T @ predictions, assume_a="pos"))
+        return cls(mean, scale, linalg.solve(squares, terms.T @ predictions, assume_a="pos"))
 
     def __call__(self, coordinates: Array) -> Array:
         """Predictions (n, K) at coordinates (n, P)."""
-        return np.asarray(_terms((coordinates - self.centre) / self.scale) @ self.coefficients)
+        return np.asarray(_terms((coordinates - self.mean) / self.scale) @ self.coefficients)
 
 
 def _terms(away: Array) -> Array:

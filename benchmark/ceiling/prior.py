@@ -32,12 +32,12 @@ from eitbench.scenarios.sensors.sensor import Sensor
 
 SIZES, TRIES = 400, 400
 DEGREE = 3
-ROUND = 1 - math.cos(math.pi / RIM_POINTS)
+RIM_SLACK = 1 - math.cos(math.pi / RIM_POINTS)
 """Slack: the generator looks at polygons around round regions, at any angle. It refuses one of a
 thousand vectors that fit with it."""
 PERIODS = {"rectangle": math.pi, "ellipse": math.pi, "star": 2 * math.pi / 5}
 """Angle after which a shape looks the same, where that is less than a full turn."""
-ROUNDS = 4
+CENTRINGS = 4
 """How often the mean that vectors stand about is found anew."""
 MOST = 5
 """Inclusions of a family: all their orders are compared."""
@@ -81,7 +81,7 @@ class FamilyPrior:
                 raise InputError(
                     f"{unknown}ranges that have a width, the same for both sides of a rectangle."
                 )
-            alone = Parameters(replace(family, shapes=(shape,)), sensor, slack=ROUND)
+            alone = Parameters(replace(family, shapes=(shape,)), sensor, slack=RIM_SLACK)
             found.append(cls(alone, 1 / len(family.shapes)))
         return tuple(found)
 
@@ -98,7 +98,7 @@ class FamilyPrior:
     def centre(self, vectors: Array) -> Array:
         """The mean (P,) of vectors (n, P) that stand about it, nearly."""
         centre: Array = vectors[0]
-        for _ in range(ROUNDS):
+        for _ in range(CENTRINGS):
             centre = self.arranged(vectors, centre).mean(axis=0)
         return centre
 

@@ -7,8 +7,8 @@ import pandas as pd
 from docs.tables.record import STUDIES, printed
 
 from eitbench.benchmark.ceiling.drawing import known_of, told
-from eitbench.benchmark.ceiling.figures import TRACES, summary
-from eitbench.benchmark.ceiling.record import recorded_frames
+from eitbench.benchmark.ceiling.figures import AGREED, summary
+from eitbench.benchmark.ceiling.record import recorded_frames, traces_held
 from eitbench.scenarios.suites.suite import load_suite
 
 _SENSOR_OFFSET = 3
@@ -23,7 +23,7 @@ _CHECKS = {
     "expected_psnr": ("the posterior's own [dB]", ".2f"),
     "image_psnr": ("the mean image's [dB]", ".2f"),
     "apart_db": ("samplers apart [dB]", "+.2f"), "apart_low": ("95 %: from", "+.2f"),
-    "apart_high": ("to", "+.2f"), "agreed": ("R-hat < 1.01", ".0%"),
+    "apart_high": ("to", "+.2f"), "agreed": (f"R-hat < {AGREED}", ".0%"),
     "agreed_psnr": ("of these [dB]", ".2f"), "exact": ("exact weights", ".0%"),
     "exact_psnr": ("of these [dB]", ".2f"), "worst": ("worst frame", ".0%"),
     "within_50": ("in 50 %", ".0%"), "within_80": ("in 80 %", ".0%"),
@@ -85,8 +85,7 @@ def _by_family(suite: str) -> str:
     rows = []
     for family, of in frames(suite).groupby("family", sort=False):
         own, expected = (-10 * np.log10(of[name].mean()) for name in ("mse", "expected_mse"))
-        off = np.abs(of[[f"rank_{name}" for name in TRACES]].to_numpy() - 0.5)
-        held = f"{(off <= 0.95 / 2).mean():.0%}"
+        held = f"{traces_held(of, 95):.0%}"
         rows.append([str(family), str(len(of)), f"{own:.2f}", f"{expected:.2f}", held])
     heads = [
         "family",

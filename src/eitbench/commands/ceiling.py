@@ -42,7 +42,8 @@ def ceiling(
         bool,
         typer.Option(
             "--record",
-            help="Draw only frames of which eitbench's own record has no draws of this sampler.",
+            help="Draw only frames that eitbench's own record lacks, and those by an earlier "
+            "sampler whose draws are not exact or disagree.",
         ),
     ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,

@@ -109,6 +109,19 @@ def test_frames_of_the_record_are_not_drawn_again(
     ]
 
 
+def test_recorded_frames_stay_where_their_own_checks_find_nothing() -> None:
+    frames = pd.DataFrame(
+        [
+            {"version": drawing.KEPT_SINCE, "effective": 0.31, "rhat": 1.04},
+            {"version": drawing.KEPT_SINCE, "effective": 0.31, "rhat": 1.06},
+            {"version": drawing.KEPT_SINCE, "effective": 0.29, "rhat": 1.04},
+            {"version": drawing.KEPT_SINCE - 1, "effective": 0.31, "rhat": 1.04},
+            {"version": drawing.VERSION, "effective": 0.01, "rhat": 9.0},
+        ]
+    )
+    assert drawing._kept(frames).tolist() == [True, False, False, False, True]
+
+
 @pytest.mark.slow
 def test_frames_by_an_older_sampler_are_drawn_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -181,7 +194,7 @@ def test_a_record_says_which_sampler_drew_each_frame() -> None:
         assert max(drew) <= drawing.VERSION
         if (now := drew.get(drawing.VERSION)) is not None:
             of_now = (sampler.PARTICLES, sampler.LIBRARY, drawing.SEEDS)
-            assert (now["particles"], now["library"], now["seeds"]) == of_now
+            assert (now["particles_per_term"], now["library"], now["seeds"]) == of_now
 
 
 def record_of(scenario: SimulatedScenario, folder: Path) -> pd.DataFrame:
