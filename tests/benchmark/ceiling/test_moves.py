@@ -1,5 +1,7 @@
 """Moves by an emulator beside the distribution that they must keep."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -59,6 +61,29 @@ def test_without_a_frame_moves_keep_the_law_of_phantoms(name: str, proposals: Pr
     assert np.mean((state.vectors != begin).any(axis=1)) > 0.95
     assert prior.fitting(state.vectors).all()
     columns = zip(state.vectors.T, others.T, strict=True)
+    found = [stats.ks_2samp(moved, drawn).pvalue for moved, drawn in columns]
+    assert min(found) > 0.01 / len(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("proposals", PROPOSALS)
+def test_moves_to_another_vector_of_a_phantom_are_refused(proposals: Proposals) -> None:
+    """Steps unlike in the two inclusions: taken over the border, they would not keep the law."""
+    (prior,), rng = FamilyPrior.of(FAMILIES["two-circles"], SENSOR), np.random.default_rng(1)
+    begin, others = prior.draw(2000, rng), prior.draw(2000, rng)
+    about = Moves.about(prior, begin, np.zeros((2000, 1)))
+    unlike = np.repeat([0.1, 1.0], 4)
+    moves = replace(
+        about, root=unlike[:, None] * about.root, coordinates=unlike * about.coordinates
+    )
+
+    def log_likelihood(predictions: Array) -> Array:
+        return np.zeros(len(predictions))
+
+    state = moves.state(begin, log_likelihood)
+    for _ in range(60):
+        state, _ = moves.moved(state, 0.9, log_likelihood, proposals, rng)
+    columns = zip(state.vectors.T, prior.arranged(others, moves.centre).T, strict=True)
     found = [stats.ks_2samp(moved, drawn).pvalue for moved, drawn in columns]
     assert min(found) > 0.01 / len(found)
 
