@@ -29,6 +29,8 @@ SENSOR = foam((32, 32))
 NAMES = ("circle", "triangle")
 SOFT = ("circle", "soft-press")
 """The second family has two shapes, each drawn half of the time."""
+SEVERAL = ("rectangle", "two-circles")
+"""Phantoms that several vectors give."""
 SNR_DB = 18.0
 MANY = 6000
 """Draws of each shape for brute force."""
@@ -57,6 +59,7 @@ def made(
         (NAMES, "circle", SNR_DB, sampler.CORRECTED),
         (NAMES, "triangle", SNR_DB, sampler.CORRECTED),
         (NAMES, "triangle", SNR_DB, 1.8),  # so that one batch of checked particles does not do
+        (SEVERAL, "two-circles", 10.0, sampler.CORRECTED),
         (SOFT, "circle", SNR_DB, sampler.CORRECTED),
         (SOFT, "soft-press", 6.0, sampler.CORRECTED),  # firm, and strong in the frame
     ],
