@@ -1,6 +1,6 @@
 """Imports between the subpackages, lowest first; exits with 1 where they form a cycle.
 
-`python tests/integration/import_graph.py` prints a line for each subpackage: its name, then those
+`python -m tests.integration.import_graph` prints a line for each subpackage: its name, then those
 that it imports. Modules that lie beside the subpackages of a folder count as subpackages.
 """
 
@@ -9,6 +9,8 @@ import sys
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+
+from tests.support.source_files import source_files
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("scenarios", "methods", "benchmark", "hardware", "reports")
@@ -34,7 +36,7 @@ def import_graph() -> dict[str, set[str]]:
     """For each subpackage those that it imports."""
     graph: dict[str, set[str]] = {}
     for folder in FOLDERS:
-        for file in (ROOT / folder).rglob("*.py"):
+        for file in source_files(folder):
             parts = file.relative_to(ROOT).with_suffix("").parts
             node = subpackage(parts[:-1] if parts[-1] == "__init__" else parts)
             imports = graph.setdefault(node, set())

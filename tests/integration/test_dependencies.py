@@ -8,6 +8,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+from tests.support.source_files import source_files
 
 from eitbench.scenarios.extras import EXTRAS
 
@@ -45,7 +46,7 @@ def declared(*groups: str) -> set[str]:
 def imported(*folders: str) -> set[str]:
     """Names of the packages on the index whose modules the files import."""
     modules = set()
-    for file in (file for folder in folders for file in (ROOT / folder).rglob("*.py")):
+    for file in source_files(*folders):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 modules |= {alias.name.split(".")[0] for alias in node.names}

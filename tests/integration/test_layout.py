@@ -1,6 +1,9 @@
 """The layout: folders, links and wheel agree, and subpackages import only what lies below them."""
 
 import importlib
+import shutil
+import subprocess
+import sys
 import tomllib
 import zipfile
 from graphlib import TopologicalSorter
@@ -9,6 +12,7 @@ from pathlib import Path
 import pytest
 from hatchling.builders.wheel import WheelBuilder
 from tests.integration.import_graph import import_graph
+from tests.support.source_files import source_files
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {
@@ -33,13 +37,26 @@ def test_links_lead_to_the_folders() -> None:
         assert target == f"../../{name}"
 
 
+def test_plugins_of_submissions_are_no_modules_of_ours(tmp_path: Path) -> None:
+    """They stay as their authors wrote them: neither lint nor tests look at them."""
+    copy = tmp_path / "reports/board/2026.2/submissions/quick/mine/plugins/0a1b.py"
+    copy.parent.mkdir(parents=True)
+    copy.write_text("import pickle\nimport eitbench.methods, os")
+    (tmp_path / "reports/board/records.py").write_text('"""Ours."""\n')
+    assert source_files("reports", root=tmp_path) == [tmp_path / "reports/board/records.py"]
+    pytest.importorskip("ruff")
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    for check in (["check"], ["format", "--check"]):
+        command = [sys.executable, "-m", "ruff", *check, "."]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout
+
+
 @pytest.mark.slow
 def test_a_wheel_holds_every_module_once(tmp_path: Path) -> None:
     (wheel,) = WheelBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])
     packed = [name for name in zipfile.ZipFile(wheel).namelist() if name.endswith(".py")]
-    modules = [
-        p.relative_to(ROOT).as_posix() for name in FOLDERS for p in (ROOT / name).rglob("*.py")
-    ]
+    modules = [p.relative_to(ROOT).as_posix() for p in source_files(*FOLDERS)]
     front = ROOT / "src/eitbench"
     modules += [
         p.relative_to(front).as_posix()
@@ -77,8 +94,7 @@ def test_no_subpackage_has_the_name_of_what_its_folder_offers() -> None:
 
 def test_no_reader_can_run_what_it_reads() -> None:
     """Files we read are data: no pickle, no eval, no shell."""
-    for folder in FOLDERS:
-        for file in (ROOT / folder).rglob("*.py"):
-            text = file.read_text()
-            assert "pickle" not in text.replace("allow_pickle=False", ""), file
-            assert "shell=True" not in text, file
+    for file in source_files(*FOLDERS):
+        text = file.read_text()
+        assert "pickle" not in text.replace("allow_pickle=False", ""), file
+        assert "shell=True" not in text, file

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.source_files import source_files
 
 from eitbench.hardware.board import BoardError
 from eitbench.hardware.emulation.board_server import BoardServer
@@ -35,7 +36,7 @@ def imported_at_once(tree: ast.Module) -> Iterator[str]:
 
 @pytest.mark.slow
 def test_every_module_is_imported_without_posix() -> None:
-    files = [p for name in (*FOLDERS, "src/eitbench") for p in (ROOT / name).rglob("*.py")]
+    files = source_files(*FOLDERS, "src/eitbench")
     assert len(files) > 200
     for file in files:
         needed = POSIX & set(imported_at_once(ast.parse(file.read_text(encoding="utf-8"))))

@@ -11,10 +11,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.support.source_files import source_files
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("scenarios", "methods", "benchmark", "hardware", "reports", "src/eitbench")
-FILES = [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))]
+FILES = source_files(*FOLDERS)
 
 FORBIDDEN_MODULES = {
     "pickle", "cPickle", "_pickle", "dill", "cloudpickle", "marshal", "shelve", "jsonpickle",
