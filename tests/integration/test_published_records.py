@@ -95,7 +95,18 @@ def test_hashes_of_keys_stay_and_a_key_may_be_retired(repository: Path) -> None:
     assert checked(repository).returncode == 1
 
 
-def test_only_the_last_release_counts_and_other_tags_do_not(repository: Path) -> None:
+def test_a_release_is_compared_with_the_one_before(repository: Path) -> None:
+    """The commit that is tagged changes nothing that the last release holds."""
+    git(repository, "tag", "v0.2.0")
+    (repository / RECORD).write_bytes(b"PAR1\x00\xfe")
+    git(repository, "commit", "-am", "edited")
+    git(repository, "tag", "v0.2.1")
+    script = [str(repository / ".ci" / "records")]
+    done = subprocess.run(script, check=False, capture_output=True, text=True)
+    assert (done.returncode, "release v0.2.0" in done.stderr) == (1, True)
+
+
+def test_tags_that_are_no_releases_do_not_count(repository: Path) -> None:
     git(repository, "tag", "before-the-release")
     (repository / RECORD).write_bytes(b"PAR1\x00\xfe")
     git(repository, "commit", "-am", "the record of the release")
