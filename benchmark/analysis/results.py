@@ -194,6 +194,13 @@ def _read_run(path: Path) -> Run:
     content = manifest.read(path)
     kinds = [kind for kind in RUN_KINDS.values() if (path / kind.table).is_file()]
     if not (path / SAMPLES).is_file() or not kinds:
+        if content["finished"]:
+            tables = " or ".join(kind.table for kind in RUN_KINDS.values())
+            lost = tables if (path / SAMPLES).is_file() else SAMPLES
+            raise DataCorruptError(
+                f"{path} lacks {lost}, though its run was finished: take the folder again from "
+                "where it came from."
+            )
         raise InputError(
             f"The run in {path} has no results yet: finish it with "
             f"`{manifest.resume_command(path)}`."

@@ -165,6 +165,11 @@ def read_resumable(run: Path) -> tuple[Manifest, Plan]:
         InputError, DataCorruptError: as for `plan_of` and `manifest.read`, or a plugin has changed.
     """
     manifest = read(run)
+    if manifest.get("images"):
+        raise InputError(
+            f"{run} is a record or a submission, made of a finished run: nothing is written into "
+            "it. Start a run of your own."
+        )
     plan = plan_of(manifest, run, _Resumable)
     for plugin in plan.plugins:
         if not plugin.path.is_file() or sha256_of(plugin.path) != plugin.sha256:

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
+from eitbench.benchmark.submissions.submission import FOLDER
+from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.storage.atomic_write import atomic_write
 from eitbench.scenarios.storage.files import sha256_of
 
@@ -34,6 +36,37 @@ def note_sums(paths: Sequence[Path]) -> None:
     noted = sums.read_text().splitlines(keepends=True) if sums.is_file() else []
     kept = [line for line in noted if is_kept(line[66:].strip())]
     atomic_write(sums, "".join([*kept, *map(_sum_of, paths)]).encode())
+
+
+def check_sums(version: Path) -> None:
+    """Check that the records and hidden figures of a version are those that it has noted.
+
+    Raises:
+        DataCorruptError: a file has changed, is gone, or was added.
+    """
+    sums = version / SUMS
+    lines = sums.read_text(errors="replace").splitlines(keepends=True) if sums.is_file() else []
+    noted = {line[66:].strip(): line for line in lines}
+    folders = [path for path in version.iterdir() if path.is_dir() and path.name != FOLDER]
+    there = {
+        f"{folder.name}/{path.name}": path
+        for folder in folders
+        for path in folder.iterdir()
+        if path.is_file()
+    }
+    for name in sorted(noted.keys() | there.keys()):
+        if name not in there:
+            what = "is gone"
+        elif name not in noted:
+            what = f"is not noted in {SUMS}"
+        elif noted[name] != _sum_of(there[name]):
+            what = f"is not the file that {SUMS} notes"
+        else:
+            continue
+        raise DataCorruptError(
+            f"{version / name} {what}: published records are never edited. Take the version from "
+            "git again."
+        )
 
 
 def fit_sums(folder: Path) -> bool:

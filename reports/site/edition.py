@@ -17,6 +17,7 @@ from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.benchmark.submissions.hidden import PublishedKey, published_keys
 from eitbench.benchmark.submissions.statement import read_statement
 from eitbench.benchmark.submissions.submission import FOLDER as SUBMISSIONS
+from eitbench.benchmark.submissions.sums import check_sums
 from eitbench.benchmark.submissions.tiers import is_ranked, is_submission
 from eitbench.reports.board.changes import (
     VERSION,
@@ -243,6 +244,8 @@ def editions(folder: Path) -> list[Edition]:
 
 
 def _edition(folder: Path, version: str) -> Edition:
+    if version:
+        check_sums(folder)
     below = ("*", f"{SUBMISSIONS}/*/*")  # records or runs, and submissions
     found = [
         path.parent for where in below for path in folder.glob(f"{where}/{manifest.FILE_NAME}")

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from eitbench.commands import console, listing
 
 DATA = Path(__file__).parents[1] / "benchmark" / "data"
 TINY, OPERATORS = str(DATA / "tiny.toml"), str(DATA / "tiny-operators.toml")
+RECORDS = Path(__file__).parents[2] / "reports" / "board"
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -155,6 +157,34 @@ def test_a_suite_that_names_what_is_unknown_is_named_with_its_field(
             assert part in err
     # What is chosen on the command line is not the file's fault.
     assert str(path) not in eitbench("run", str(path), f"--{field}", "tvv")[2]
+
+
+@pytest.mark.parametrize(
+    "command", [("run", "--resume"), ("report",)], ids=lambda words: " ".join(words)
+)
+def test_nothing_is_written_into_a_record(
+    command: tuple[str, ...], tmp_path: Path, eitbench: Run
+) -> None:
+    record = tmp_path / "tank"
+    shutil.copytree(RECORDS / "2026.2" / "tank", record)
+    before = {path.name: path.read_bytes() for path in record.iterdir()}
+    code, _, err = eitbench(*command, record)
+    assert (code, "is a record or a submission" in " ".join(err.split())) == (2, True)
+    assert {path.name: path.read_bytes() for path in record.iterdir()} == before
+
+
+@pytest.mark.parametrize("lost", ["samples.parquet", "methods.parquet"])
+def test_a_record_that_lacks_a_table_is_to_be_taken_again(
+    lost: str, tmp_path: Path, eitbench: Run
+) -> None:
+    record = tmp_path / "tank"
+    shutil.copytree(RECORDS / "2026.2" / "tank", record)
+    (record / lost).unlink()
+    code, _, err = eitbench("leaderboard", record)
+    said = " ".join(err.split())
+    assert code != 0
+    assert f"lacks {lost}" in said
+    assert "take the folder again from where it came from" in said
 
 
 def test_fetch_reports_the_folder_that_holds_the_set(recorded_data: Path, eitbench: Run) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tests.support.contact_images import disc_sensor
 
 from eitbench.benchmark.metrics.evaluation import evaluate, fit_registration
+from eitbench.benchmark.submissions.sums import SUMS, note_sums
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.sensors.sensor import Sensor, foam16
 
@@ -129,6 +130,14 @@ def edited_manifest(run: Path) -> Iterator[dict[str, Any]]:
     content = json.loads((run / "manifest.json").read_text())
     yield content
     (run / "manifest.json").write_text(json.dumps(content))
+
+
+def note_version(version: Path) -> None:
+    """Note the sums of the records and hidden figures of a version, as they are."""
+    (version / SUMS).unlink(missing_ok=True)
+    for folder in sorted(path for path in version.iterdir() if path.name != "submissions"):
+        if folder.is_dir():
+            note_sums(sorted(folder.iterdir()))
 
 
 def write_operators(run: Path, mse: dict[str, float], suite: str = "operators", n: int = 4) -> Path:

@@ -60,8 +60,13 @@ def report(
     ] = None,
 ) -> None:
     """Write a report of runs: one HTML page that works offline, tables and figures for a paper."""
+    from eitbench.benchmark.rundir import manifest
     from eitbench.reports.page.report import write_report
 
+    if out is None and manifest.read(runs[0]).get("images"):
+        raise typer.BadParameter(
+            f"{runs[0]} is a record or a submission, which stays as it is: name a folder with --out"
+        )
     written, missing = write_report(runs, out or runs[0] / "report")
     for path in written:
         typer.echo(str(path))

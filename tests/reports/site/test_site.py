@@ -5,13 +5,14 @@ import html
 import json
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
 import pandas as pd
 import pytest
-from tests.support.made_runs import edited_manifest
+from tests.support.made_runs import edited_manifest, note_version
 
 from eitbench.benchmark.analysis.catalogue import about_method
 from eitbench.benchmark.analysis.results import SHOWN
@@ -22,7 +23,7 @@ from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.reports.site.edition import editions
 from eitbench.reports.site.site import write_site
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.suites.suite import suites
 
 pytestmark = pytest.mark.slow
@@ -183,6 +184,7 @@ def test_an_older_version_stands_beside_the_newest(
     run = build.write()
     for version in ("2026.9", "2026.10"):
         shutil.copytree(run, tmp_path / "records" / version / "bench")
+        note_version(tmp_path / "records" / version)
     out = tmp_path / "site"
     written = write_site(tmp_path / "records", out)
     assert "2026.10" in re.findall(r"<title>(.*?)</title>", written[0].read_text())[0]
@@ -224,6 +226,7 @@ def test_the_front_says_of_how_many_suites_there_is_a_record(board: Path, tmp_pa
     shutil.copytree(board / "bench", board / "quick")
     with edited_manifest(board / "quick") as content:
         content["plan"]["suite"]["name"] = "quick"
+    note_version(board)
     (front, *_) = write_site(board.parent, tmp_path / "site")
     assert f"There is a record of 1 of {len(suites())} suites." in front.read_text()
 
@@ -262,6 +265,7 @@ def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Pat
             board,
         )  # fmt: skip
     publish(board, {"bench": retired, "other": secret}, retired)
+    note_version(board)
     (front, *_) = write_site(board.parent, tmp_path / "site")
     page = (front.parent / "suites" / "bench.html").read_text()
     assert [(row[1], row[-1]) for row in cells(page, "On a hidden test set")] == [
@@ -375,6 +379,7 @@ def test_a_method_has_one_row_over_all_suites_whatever_runs_hold_it(
 
 def test_a_record_comes_before_submissions_and_frames_count_once(board: Path) -> None:
     shutil.move(board / "bench", board / "tank")  # after "submissions"
+    note_version(board)
     reproduced(board, "bench")
     (edition,) = editions(board.parent)
     (suite,) = edition.suites
@@ -402,9 +407,29 @@ def test_a_submission_without_a_record_to_stand_below_is_left_out(
     with edited_manifest(board / "other") as content:
         content["plan"]["suite"]["name"] = "other"
     shutil.rmtree(board / "bench")
+    note_version(board)
     (front, *_) = write_site(board.parent, tmp_path / "site")
     assert "tank is left out: it is self-reported" in front.read_text()
     assert not (front.parent / "suites" / "bench.html").exists()
+
+
+@pytest.mark.parametrize("name", ["samples.parquet", "manifest.json"])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda path: path.write_bytes(path.read_bytes() + b" "), "is not the file that"),
+        (lambda path: path.unlink(), "is gone"),
+        (lambda path: shutil.copy(path, path.with_name("other")), "other is not noted in"),
+    ],
+    ids=["changed", "gone", "one more"],
+)
+def test_a_record_that_is_not_as_it_was_noted_is_not_shown(
+    board: Path, tmp_path: Path, name: str, change: Callable[[Path], object], said: str
+) -> None:
+    change(board / "bench" / name)
+    with pytest.raises(DataCorruptError, match=f"{said}.* Take the version from git again"):
+        write_site(board.parent, tmp_path / "site")
+    assert not (tmp_path / "site").exists()
 
 
 def test_no_run_takes_the_place_of_another_one(board: Path, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from tests.support.browser import WatchedPage
+from tests.support.made_runs import note_version
 
 from eitbench.reports.site.site import write_site
 
@@ -26,6 +27,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("quick", "imperfect"):
         shutil.copytree(RECORDS / "2026.1" / name, root / "records" / "2026.1" / name)
     shutil.copytree(RECORDS / "2026.2" / "few-presses", root / "records" / "2026.1" / "few-presses")
+    note_version(root / "records" / "2026.1")
     return write_site(root / "records", root / "some" / "path")[0].parent
 
 
