@@ -66,6 +66,9 @@ LEARNED_NO_SYMMETRY = "it learns from touches at random places, which it does no
 class LinearLearned(Method):
     """Ridge regression of images on voltages, over the training split; the baseline of learning.
 
+    The validation split chooses the regularisation, or, where its true images are not known, as of
+    real presses, a part of the training split that is then not learned from.
+
     The map is for frames with the faults and gains that the first reference frame shows. Those of
     later sessions are estimated as if they had none, which errs more where electrodes died since.
 
@@ -79,22 +82,25 @@ class LinearLearned(Method):
     gain_power: float = 0.0
 
     def fit(self, problem: Problem) -> None:
-        """Solve for the map; the validation split chooses its regularisation."""
+        """Solve for the map."""
         self._problem = problem
         self._averaging = averaging(problem.sensor.pattern)
-        train, validation = problem.training(TRAINING), problem.validation(VALIDATION)
-        inputs, seen = (
-            problem.as_estimated(problem.differences(data), self.gain_power) @ self._averaging
-            for data in (train, validation)
-        )
+        if problem.validation(1).conductivity is None:
+            frames, images = self._learned(problem.training(TRAINING + VALIDATION))
+            first = len(frames) * TRAINING // (TRAINING + VALIDATION)
+            inputs, seen = frames[:first], frames[first:]
+            targets, expected = images[:first], images[first:]
+        else:
+            inputs, targets = self._learned(problem.training(TRAINING))
+            seen, expected = self._learned(problem.validation(VALIDATION))
         self._std = np.maximum(inputs.std(axis=0), 1e-6 * inputs.std(axis=0).max())
-        found = ridge(
-            inputs / self._std,
-            contrasts(train, problem),
-            seen / self._std,
-            contrasts(validation, problem),
-        )
+        found = ridge(inputs / self._std, targets, seen / self._std, expected)
         self._matrix = found.matrix.astype(np.float64)
+
+    def _learned(self, data: Dataset) -> tuple[Array, Images]:
+        """Frames (n, K) of `data` as they are estimated, averaged, and their contrasts (n, P)."""
+        frames = self._problem.as_estimated(self._problem.differences(data), self.gain_power)
+        return np.asarray(frames @ self._averaging), contrasts(data, self._problem)
 
     def reconstruct(self, voltages: Array) -> Array:
         """Absolute conductivity (n, H, W) [S/m] from frames (n, M), within the sensor's range."""

@@ -1,5 +1,7 @@
 """Samples to learn from are a torch data set, writable, and never those of the test split."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from torch.utils.data import DataLoader
@@ -8,7 +10,7 @@ from eitbench.methods import create
 from eitbench.methods.learned.linear_maps import LinearTouch
 from eitbench.methods.problem import Problem
 from eitbench.methods.training.torch_data import training_data
-from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 
@@ -51,6 +53,36 @@ def test_what_is_learned_does_not_depend_on_the_gain_of_another_sensor(name: str
         method.fit(problem)
         images.append(method.reconstruct(gain * test.voltages))
     np.testing.assert_allclose(images[1], images[0], rtol=1e-9)
+    assert np.ptp(images[0]) > 0.05
+
+
+def test_a_validation_split_without_images_chooses_no_regularisation() -> None:
+    """A part of the training split does, and the rest is learned from."""
+    more = SMALL.model_copy(update={"name": "torch-presses", "train": 23})
+
+    def splits(of: str, n: int | None) -> Dataset:
+        data = load(more, of, n)
+        return data if of == "train" else replace(data, truth="position")
+
+    def learned(of: str, n: int | None) -> Dataset:
+        """The same parts of the training split, as two splits."""
+        data = load(more, "train")
+        if of == "train":
+            return data.first(20)
+        return replace(
+            data,
+            voltages=data.voltages[20:],
+            references=data.references[20:],
+            phantoms=data.phantoms[20:],
+            samples=data.samples[20:],
+        )
+
+    test, images = load(more), []
+    for known in (splits, learned):
+        method = create("linear-learned")
+        method.fit(Problem(test.sensor, test.references[0], known))
+        images.append(method.reconstruct(test.voltages))
+    np.testing.assert_array_equal(images[0], images[1])
     assert np.ptp(images[0]) > 0.05
 
 
