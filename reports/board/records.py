@@ -78,7 +78,8 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
 
     Raises:
         InputError: the run is not finished, limited, or not of all methods (or operators) and
-            scenarios of its suite; or there is a record already, which is never edited.
+            scenarios of its suite; or one failed on all samples of a scenario; or there is a record
+            already, which is never edited.
         DataCorruptError: it cannot be read.
     """
     check_new(out)
@@ -100,7 +101,7 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
         seen = joined(run, seen_table(kept), seen)
         found = joined(run, alarms(kept), found)
         content = joined_manifest(kept.manifest, content, same_bits)
-    if lacking := _lacking(run, content, cells):
+    if lacking := _lacking(run, content, cells) or _failed(run, samples):
         raise InputError(f"{run_path} is no whole run: {lacking}.")
     staged = out.with_name(f".{out.name}.part")
     shutil.rmtree(staged, ignore_errors=True)
@@ -230,6 +231,17 @@ def _lacking(run: Run, content: manifest.Manifest, cells: pd.DataFrame) -> str:
         for name in suite.names:
             if (scenario, name) not in ran and f"{scenario}/{name}" not in left_out:
                 return f"it lacks the {run.kind.name} {name!r} on {scenario!r}"
+    return ""
+
+
+def _failed(run: Run, samples: pd.DataFrame) -> str:
+    """Which method has failed on all samples of a scenario, as a part of a sentence; or ""."""
+    of_cell = ["scenario", run.kind.name]
+    worked = (
+        samples.assign(ok=samples["status"] == "ok").groupby(of_cell, observed=True)["ok"].any()
+    )
+    for scenario, name in worked.index[~worked]:
+        return f"the {run.kind.name} {name!r} failed on all samples of {scenario!r}"
     return ""
 
 

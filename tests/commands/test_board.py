@@ -6,8 +6,10 @@ import pytest
 from typer.testing import CliRunner
 
 from eitbench.benchmark.analysis.results import read_run
+from eitbench.benchmark.rundir import manifest
 from eitbench.cli import app
 from eitbench.commands.board import VERSION
+from eitbench.scenarios import extras
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites import suite as suites
 from eitbench.scenarios.suites.scenario import SimulatedScenario
@@ -17,6 +19,11 @@ SMALL = SimulatedScenario(
     name="n", image_shape=(20, 20), families=("circle",), train=0, validation=2, test=4
 )
 SUITE = Suite(name="quick", title="Quick", methods=("noser",), scenarios=(SMALL,))
+
+
+@pytest.fixture(autouse=True)
+def committed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(manifest, "git_commit", lambda: "a" * 40)
 
 
 def board(folder: Path, *arguments: str) -> list[str]:
@@ -92,3 +99,26 @@ def test_what_is_in_the_way_is_named_before_anything_runs(tmp_path: Path) -> Non
 def test_an_unknown_suite_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="did you mean 'quick'"):
         CliRunner().invoke(app, board(tmp_path, "quik"), catch_exceptions=False)
+
+
+@pytest.mark.parametrize("commit", [None, "a" * 40 + "-dirty"])
+def test_code_that_nobody_can_take_makes_no_record(
+    commit: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(suites, "load_suite", lambda name: SUITE)
+    monkeypatch.setattr(manifest, "git_commit", lambda: commit)
+    with pytest.raises(InputError, match="with all changes committed"):
+        CliRunner().invoke(app, board(tmp_path, "quick"), catch_exceptions=False)
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_method_whose_library_is_missing_is_not_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The record would be whole without it, as by weights that do not exist."""
+    both = SUITE.model_copy(update={"methods": ("noser", "dnn")})
+    monkeypatch.setattr(suites, "load_suite", lambda name: both)
+    monkeypatch.setattr(extras, "missing", lambda module: "PyTorch is not installed: ...")
+    with pytest.raises(InputError, match="'dnn' belongs to the record, and cannot run here: PyT"):
+        CliRunner().invoke(app, board(tmp_path, "quick"), catch_exceptions=False)
+    assert not (tmp_path / "runs").exists()

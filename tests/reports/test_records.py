@@ -170,7 +170,7 @@ def test_a_record_is_compared_with_a_run_of_the_same_frames(run: Path, record: P
 def test_a_site_of_a_board_with_a_damaged_record_is_refused(record: Path, tmp_path: Path) -> None:
     version = Path(shutil.copytree(record.parent, tmp_path / "board" / "2026.1"))
     (version / "mine" / "samples.parquet").write_bytes(b"PAR1")
-    with pytest.raises(DataCorruptError, match="mine cannot be read, take it from git again"):
+    with pytest.raises(DataCorruptError, match="is not the file that SHA256SUMS notes"):
         write_site(version.parent, tmp_path / "site")
     with pytest.raises(InputError, match="holds the runs: give another folder"):
         write_site(version.parent, version.parent)
@@ -280,6 +280,17 @@ def test_a_record_makes_no_record_and_is_left_as_it_is(record: Path, tmp_path: P
     with pytest.raises(InputError, match="it is a record itself"):
         write_record(of_recordings, tmp_path / "2026.1" / "mine")
     assert sums_of(of_recordings) == before
+
+
+def test_a_method_that_failed_on_all_samples_makes_no_record(run: Path, tmp_path: Path) -> None:
+    failed = tmp_path / "run"
+    shutil.copytree(run, failed)
+    samples = pd.read_parquet(failed / "samples.parquet")
+    samples.loc[samples["method"] == "noser", "status"] = "error"
+    samples.to_parquet(failed / "samples.parquet", index=False)
+    with pytest.raises(InputError, match="'noser' failed on all samples of 'n'"):
+        write_record(failed, tmp_path / "2026.1" / "mine")
+    assert not (tmp_path / "2026.1" / "mine").exists()
 
 
 def test_a_limited_run_is_no_record(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The command that makes the records of the leaderboard."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -79,6 +80,7 @@ def board(
         operators=asked if operators else (),
         scenarios=on,
     )
+    _check_remade(plan.names)
     progress = RunProgress()
     if (run / manifest.FILE_NAME).is_file():
         held = manifest.read(run)["plan"]
@@ -104,3 +106,27 @@ def board(
             typer.echo(sentence)
         if unsaid := found.changed.keys() - why.keys():
             warn(f"Say in {out.parent / REASONS} why {min(unsaid)!r} changed: tests ask for it.")
+
+
+def _check_remade(names: Sequence[str]) -> None:
+    """Check that a record of these methods or operators can be made again, and lacks none of them.
+
+    Raises:
+        InputError: the code is not that of a commit, or a library is missing.
+    """
+    from eitbench.benchmark.rundir import manifest
+    from eitbench.methods.registry import METHOD_REGISTRY, OPERATOR_REGISTRY
+    from eitbench.scenarios.errors import InputError
+    from eitbench.scenarios.extras import missing
+
+    commit = manifest.git_commit()
+    if commit is None or commit.endswith("-dirty"):
+        raise InputError(
+            "A record names the commit that makes it again: run it from a clone of the repository, "
+            "with all changes committed."
+        )
+    known = METHOD_REGISTRY.known() | OPERATOR_REGISTRY.known()
+    for name in names:
+        needs = getattr(known[name], "needs", "")
+        if needs and (why := missing(needs)):
+            raise InputError(f"{name!r} belongs to the record, and cannot run here: {why}")
