@@ -25,6 +25,8 @@ class Described:
     Attributes:
         source: the publication it follows.
         needs: module of `scenarios.extras` that it needs beyond a base installation; "" for none.
+        trains: true if `fit` asks for the training split, which some recorded sets do not have; a
+            run leaves it out there.
         expected_failures: checks of `eitbench check` that it fails by its nature, and why; one that
             passes nevertheless is a failure.
         search: the values of each parameter that may be chosen on the validation split: numbers,
@@ -40,6 +42,7 @@ class Described:
 
     source: ClassVar[str] = ""
     needs: ClassVar[str] = ""
+    trains: ClassVar[bool] = False
     expected_failures: ClassVar[Mapping[str, str]] = {}
     search: ClassVar[Mapping[str, Sequence[object]]] = {}
     tuned_as: ClassVar[str] = ""

@@ -66,7 +66,7 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.recordings.fetch import fetch_recording
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, opened
-from eitbench.scenarios.suites.suite import Suite
+from eitbench.scenarios.suites.suite import Suite, has_training
 
 WILD = 1000
 """An image beyond so many times the sensor's range is none: one such pixel would rule all means."""
@@ -132,6 +132,15 @@ class MethodData(CellData):
     def known(cls) -> Mapping[str, type[Any]]:
         """See `CellData.known`."""
         return METHOD_REGISTRY.known()
+
+    def unusable(self, name: str) -> str:
+        """See `CellData.unusable`; also where there is no training split to learn from."""
+        if why := super().unusable(name):
+            return why
+        known = self.known()
+        if name in known and known[name].trains and not has_training(self.familiar):
+            return f"{name!r} learns from a training split, and {self.familiar.name!r} has none."
+        return ""
 
     def task(self, plan: CellPlan, store: RunStore) -> "MethodCellTask":
         """Return the method of the cell, with fewer test samples where the suite says so."""

@@ -78,6 +78,7 @@ class LinearLearned(Method):
 
     source: ClassVar[str] = "Hoerl and Kennard, Technometrics 12(1), 1970"
     expected_failures: ClassVar = asymmetry(LEARNED_NO_SYMMETRY)
+    trains: ClassVar = True
     # Nothing to search: `fit` chooses by the validation split, which tuning keeps for itself.
     gain_power: float = 0.0
 
@@ -152,6 +153,7 @@ class LinearTouch(Method):
 
     source: ClassVar[str] = "Hoerl and Kennard, Technometrics 12(1), 1970"
     expected_failures: ClassVar = asymmetry(LEARNED_NO_SYMMETRY)
+    trains: ClassVar = True
     search: ClassVar = {
         **GAINS,
         "weight": (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0),

@@ -24,7 +24,11 @@ _OF_A_RUN = (
 
 
 def without_replaced(kept: Run, run: Run) -> Run:
-    """The record without the scenarios of which `run` has other frames, and all its methods."""
+    """The record without rows that have no place beside those of a later `run`.
+
+    These are of scenarios of which it has other frames, and all their methods, and of cells that it
+    left out, for a method cannot run there.
+    """
     ran = {_name(cell) for cell in run.manifest["cells"]}
     before = kept.manifest
     other = {
@@ -33,15 +37,25 @@ def without_replaced(kept: Run, run: Run) -> Run:
         if name in before["data"] and before["data"][name]["hash"] != data["hash"]
     }
     other -= {cell["scenario"] for cell in before["cells"] if _name(cell) not in ran}
+    left_out = run.manifest["skipped"].keys()
+
+    def stay(rows: pd.DataFrame) -> pd.DataFrame:
+        cells = rows["scenario"].astype(str) + "/" + rows[kept.kind.name].astype(str)
+        return rows[~rows["scenario"].isin(other) & ~cells.isin(left_out)]
+
     return replace(
         kept,
         manifest=before
         | {
             "data": {name: data for name, data in before["data"].items() if name not in other},
-            "cells": [cell for cell in before["cells"] if cell["scenario"] not in other],
+            "cells": [
+                cell
+                for cell in before["cells"]
+                if cell["scenario"] not in other and _name(cell) not in left_out
+            ],
         },
-        samples=kept.samples[~kept.samples["scenario"].isin(other)],
-        cells=kept.cells[~kept.cells["scenario"].isin(other)],
+        samples=stay(kept.samples),
+        cells=stay(kept.cells),
     )
 
 

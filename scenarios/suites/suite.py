@@ -271,6 +271,11 @@ def learned_from(scenario: Scenario) -> Scenario:
     return scenario
 
 
+def has_training(scenario: Scenario) -> bool:
+    """True if methods can learn from a training split for `scenario`; see `learned_from`."""
+    return not isinstance(learned_from(scenario), RecordedScenario)
+
+
 def read_suite(path: Path) -> Suite:
     """The suite declared in the TOML file at `path`; errors as those of `load_suite`."""
     suite = read_declaration("Suite", path, Suite, partial(_with_each_transfer, path))

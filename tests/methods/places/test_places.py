@@ -21,7 +21,7 @@ from eitbench.scenarios.arrays import unit_frames
 from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.phantoms.contacts import locate
-from eitbench.scenarios.suites.suite import learned_from, scenario_by_name
+from eitbench.scenarios.suites.suite import has_training, learned_from, scenario_by_name
 
 Array = NDArray[np.float64]
 
@@ -184,6 +184,8 @@ def test_recorded_presses_are_learned_from_simulated_ones_of_their_sensor() -> N
     assert learned_from(paper) is paper
     tank = scenario_by_name("sciospec-tank")
     assert learned_from(tank) is tank
+    known = {"presses": True, "paper": True, "sciospec-tank": False, "ktc2023": False}
+    assert {name: has_training(scenario_by_name(name)) for name in known} == known
 
 
 def located(name: str, labelled: int) -> float:
