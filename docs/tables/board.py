@@ -107,6 +107,20 @@ def _gaps() -> str:
     return printed(heads, rows, [False, False, False, False, *[True] * 5, False, False])
 
 
+def _without_hidden() -> str:
+    """Methods of records of the newest version that have no hidden figures."""
+    newest = max(BOARD.glob("2*"), key=lambda path: version_key(path.name))
+    records = read_hidden(newest)
+    rows = []
+    for path in sorted(newest.glob("*/manifest.json")):
+        run, suite = read_run(path.parent), path.parent.name
+        names = list(run.cells[run.kind.name].unique())
+        have = {gap.method for of in records if of.suite == suite for gap in of.gaps}
+        lacking = ", ".join(f"`{name}`" for name in names if name not in have) if have else "all"
+        rows.append([f"`{suite}`", f"{len(have)} of {len(names)}", lacking])
+    return printed(["suite", "methods with hidden figures", "without"], rows, [False, True, False])
+
+
 def _boards() -> list[str]:
     """Lines that `eitbench leaderboard` prints of the newest record of the suite `quick`."""
     out = io.StringIO()
@@ -121,6 +135,7 @@ def _listing(lines: list[str]) -> str:
 TABLES = {
     "changes of the leaderboard": _changed,
     "open and hidden figures": _gaps,
+    "methods without hidden figures": _without_hidden,
     "records of the leaderboard": _records,
     "boards of quick": lambda: _listing(_boards()),
     "first board of quick": lambda: _listing([*_boards()[2 : 5 + _SHORT], "   …"]),
