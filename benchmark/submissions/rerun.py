@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import tempfile
 import threading
 from collections.abc import Mapping, Sequence
@@ -45,6 +46,8 @@ from eitbench.scenarios.storage.files import sha256_of
 REPRODUCED = "reproduced.json"
 """Beside the run directories: what was run again, by digest."""
 
+LEAST_REPRODUCED = 32
+"""Samples of each scenario, or all, that make a submission a reproduced one."""
 ROUNDING = 1e-3
 """Difference of images that another processor may cause, as a share of an image's contrast."""
 ULPS = 16 * 2.0**-24
@@ -267,17 +270,21 @@ def digest(run: Path) -> str:
     return hashlib.sha256("".join(map(sha256_of, paths)).encode()).hexdigest()
 
 
-def note_reproduced(submission: Submission, n: int) -> Path:
+def note_reproduced(submission: Submission, n: int) -> Path | None:
     """Note beside the run directory that at least `n` samples of each scenario were run again.
 
     Returns:
-        The file. It says so as "32 of 36 samples", with those of the largest scenario.
+        The file; None if `n` is below `LEAST_REPRODUCED` and not all, and nothing is noted. It says
+        so as "32 of 36 samples", with those of the largest scenario; of several times the most.
     """
     run = submission.run.path
     total = max(len(data.test) for data in submission.data.values())
-    told = f"{min(total, n)} of {total} samples"
+    if n < min(LEAST_REPRODUCED, total):
+        return None
     file = run.resolve().parent / REPRODUCED
-    known = reproduced(file.parent) | {digest(run): told}
+    known, of = reproduced(file.parent), digest(run)
+    again = max([min(total, n), *map(int, re.findall(r"^\d+", known.get(of, "")))])
+    known[of] = f"{again} of {total} samples"
     atomic_write(file, (json.dumps(known, indent=1) + "\n").encode())
     return file
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,18 +80,42 @@ def write_submission(run: Path, out: Path, *, jobs: int = 1) -> Written:
         shutil.copytree(run / "plugins", staged / "plugins")
     arrays = METHOD_RUNS.arrays
     _round_images(run / arrays, staged / arrays)
-    content = manifest.read(run) | {"images": ROUNDED}
-    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    atomic_write(staged / manifest.FILE_NAME, text.encode())
+    content = _without_folders(manifest.read(run))
+    _write_json(staged / manifest.FILE_NAME, content | {"images": ROUNDED})
     rescore(staged)
     if moved := _moved(run, staged):
-        for name in (manifest.FILE_NAME, SAMPLES, arrays):
+        _write_json(staged / manifest.FILE_NAME, content)
+        for name in (SAMPLES, arrays):
             shutil.copyfile(run / name, staged / name)
     write_leaderboard(ranked_rows([staged]), staged, ("json",))
     empty = Statement().model_dump_json(indent=1) + "\n"
     atomic_write(staged / STATEMENT, empty.encode())
     staged.rename(out)
     return Written(out, moved, sum(p.stat().st_size for p in out.rglob("*") if p.is_file()))
+
+
+def _write_json(path: Path, content: manifest.Manifest) -> None:
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    atomic_write(path, text.encode())
+
+
+def _without_folders(content: manifest.Manifest) -> manifest.Manifest:
+    """The manifest without folders of the machine that the run was made on, which is published."""
+    plan = content["plan"]
+    plugins = [of | {"path": Path(of["path"]).name} for of in plan["plugins"]]
+    return content | {
+        "plan": plan | {"plugins": plugins},
+        "command_line": _without_folder(content["command_line"]),
+        "resumed": [
+            of | {"command_line": _without_folder(of["command_line"])} for of in content["resumed"]
+        ],
+    }
+
+
+def _without_folder(command: str) -> str:
+    """The command with the names of files and folders alone."""
+    words = shlex.split(command)
+    return shlex.join(Path(word).name if Path(word).is_absolute() else word for word in words)
 
 
 def _round_images(source: Path, target: Path) -> None:

@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from tests.support.made_runs import edited_manifest
 
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.run import prior_knowledge
@@ -105,6 +106,22 @@ def folder(blank: Path, tmp_path: Path) -> Path:
 
 def problems(path: Path) -> list[str]:
     return [of.problem for of in check_submission(open_submission(path)) if of.problem]
+
+
+def test_a_submission_names_no_folder_of_its_author(run: Path, tmp_path: Path) -> None:
+    typed = tmp_path / "run"
+    shutil.copytree(run, typed)
+    with edited_manifest(typed) as content:
+        plugin = content["plan"]["plugins"][0]["path"]
+        content["command_line"] = f"eitbench run mine --plugin {plugin} --out {typed}"
+    out = tmp_path / "out"
+    write_submission(typed, out)
+    content = json.loads((out / "manifest.json").read_text())
+    assert content["plan"]["plugins"][0]["path"] == "gentle.py"
+    assert content["command_line"] == "eitbench run mine --plugin gentle.py --out run"
+    for path in out.rglob("*.json"):
+        assert str(run.parent) not in path.read_text()
+        assert str(tmp_path) not in path.read_text()
 
 
 def test_a_submission_passes_and_holds_nothing_but_what_is_checked(run: Path, folder: Path) -> None:

@@ -62,7 +62,7 @@ def check(
     Nothing that it holds is run or unpickled, unless --rerun asks for its plugins to be run.
     """
     from eitbench.benchmark.submissions.check import check_submission
-    from eitbench.benchmark.submissions.rerun import note_reproduced
+    from eitbench.benchmark.submissions.rerun import LEAST_REPRODUCED, note_reproduced
     from eitbench.benchmark.submissions.rerun import rerun as run_again
     from eitbench.benchmark.submissions.statement import STATEMENT
     from eitbench.benchmark.submissions.submission import STATED, TRUST, open_submission
@@ -86,8 +86,13 @@ def check(
         typer.echo(f"Tier: {'reproduced' if told else 'self-reported'}")
     else:
         typer.echo(f"Taken on trust: {'; '.join(STATED)}.")
-        typer.echo(f"Noted in {note_reproduced(submission, rerun)}")
-        typer.echo("Tier: reproduced")
+        if noted := note_reproduced(submission, rerun):
+            typer.echo(f"Noted in {noted}")
+        else:
+            typer.echo(
+                f"So few samples are not noted: --rerun {LEAST_REPRODUCED} makes it reproduced."
+            )
+        typer.echo(f"Tier: {'reproduced' if reproduced_on(submission.run) else 'self-reported'}")
     if (run / STATEMENT).is_file():
         typer.echo(f"{run} can be submitted.")
     else:

@@ -6,7 +6,8 @@ import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import h5py
 import numpy as np
@@ -31,7 +32,7 @@ from eitbench.benchmark.submissions.rerun import (
     reproduced,
     rerun,
 )
-from eitbench.benchmark.submissions.submission import open_submission
+from eitbench.benchmark.submissions.submission import Submission, open_submission
 from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 from eitbench.scenarios.data.datasets import Dataset
@@ -509,6 +510,19 @@ def test_no_fewer_samples_are_drawn_than_are_asked_for(size: int, n: int) -> Non
         assert all(of.start % 32 == 0 and of.stop == min(of.start + 32, size) for of in drawn)
 
 
+def test_fewer_samples_do_not_replace_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    submission = SimpleNamespace(
+        run=SimpleNamespace(path=tmp_path / "run"),
+        data={"n": SimpleNamespace(test=range(90)), "m": SimpleNamespace(test=range(40))},
+    )
+    monkeypatch.setattr("eitbench.benchmark.submissions.rerun.digest", str)
+    told = []
+    for n in (31, 64, 32, 1000):
+        note_reproduced(cast("Submission", submission), n)
+        told += [*reproduced(tmp_path).values()] or [""]
+    assert told == ["", "64 of 90 samples", "64 of 90 samples", "90 of 90 samples"]
+
+
 @pytest.mark.slow
 def test_methods_are_run_again_plugins_from_the_directory(with_plugin: Path) -> None:
     submission = open_submission(with_plugin)
@@ -516,9 +530,11 @@ def test_methods_are_run_again_plugins_from_the_directory(with_plugin: Path) -> 
     assert [check.problem for check in checks] == ["", ""]
     assert "'mine'" in checks[1].name
 
-    noted = note_reproduced(submission, 2)
+    assert note_reproduced(submission, 2) is None
+    assert reproduced(with_plugin.parent) == {}
+    noted = note_reproduced(submission, 5)
     assert noted == with_plugin.parent / "reproduced.json"
-    assert reproduced(with_plugin.parent) == {digest(with_plugin): "2 of 5 samples"}
+    assert reproduced(with_plugin.parent) == {digest(with_plugin): "5 of 5 samples"}
     # Another content is not what was verified.
     table = pd.read_parquet(with_plugin / "methods.parquet")
     table.assign(memory_mb=1.0).to_parquet(with_plugin / "methods.parquet")
