@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -310,10 +311,12 @@ def _write_group(group: h5py.Group, scene: Scene, out: h5py.Group, steps: int) -
             stored.attrs["step"] = step
 
 
-def cost(suite: str, records: Path, names: Sequence[str] = ()) -> str:
+def cost(
+    suite: str, records: Path, names: Sequence[str] = (), scenarios: Sequence[str] = ()
+) -> str:
     """What a run of a `suite` cost when it was last recorded in `records`, as a sentence.
 
-    It is of all its methods, or of those with `names`.
+    It is of all its methods and scenarios, or of those with `names` on `scenarios`.
     """
     found = list(records.glob(f"2*/{suite}/{manifest.FILE_NAME}"))
     if not found:
@@ -321,13 +324,18 @@ def cost(suite: str, records: Path, names: Sequence[str] = ()) -> str:
     newest = max(found, key=lambda path: version_key(path.parents[1].name))
     run = read_run(newest.parent)
     size = sum(path.stat().st_size for path in run.path.iterdir()) / 1e6
+    if scenarios:
+        samples, cells = (of[of["scenario"].isin(scenarios)] for of in (run.samples, run.cells))
+        run = replace(run, samples=samples, cells=cells)
+    what = ", ".join(names) or f"The {run.kind.name}s"
+    on = f"{suite!r} ({', '.join(scenarios)})" if scenarios else repr(suite)
     spent = spent_s(run).reindex(list(names) or run.cells[run.kind.name].unique()).dropna()
     if spent.empty:
-        return f"What {', '.join(names)} costs on {suite!r} is not known: no version has it."
+        return f"What {what} costs on {on} is not known: no version has it."
     slowest = spent.idxmax()
     frames = pd.Series({name: run.n(name) for name in run.scenarios()}).sum()
     return (
-        f"{', '.join(names) or f'The {run.kind.name}s'} of {suite!r} took {spent.sum() / 60:.1f} "
+        f"{what} of {on} took {spent.sum() / 60:.1f} "
         f"minutes on one core for at most {frames:,} frames each in version "
         f"{newest.parents[1].name}, data and scoring not counted, most of it {slowest!r}; its "
         f"record has {size:.1f} MB. With one job, "

@@ -59,7 +59,7 @@ def board(
         raise InputError(f"There is no {RECORDS} here: run it in a checkout, or name --records.")
     declared, out, run = load_suite(suite), records / version / suite, runs / suite
     asked, on = names_in("--methods", methods), names_in("--scenarios", scenarios)
-    typer.echo(cost(suite, records, asked))
+    typer.echo(cost(suite, records, asked, on))
     check_new(out)
     older = last_before(out)
     every = [scenario.name for scenario in declared.scenarios]
