@@ -194,7 +194,7 @@ def _read_run(path: Path) -> Run:
     content = manifest.read(path)
     kinds = [kind for kind in RUN_KINDS.values() if (path / kind.table).is_file()]
     if not (path / SAMPLES).is_file() or not kinds:
-        if content["finished"]:
+        if content["status"] == "finished":
             tables = " or ".join(kind.table for kind in RUN_KINDS.values())
             lost = tables if (path / SAMPLES).is_file() else SAMPLES
             raise DataCorruptError(

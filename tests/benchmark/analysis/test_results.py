@@ -134,11 +134,20 @@ def test_a_file_of_images_that_is_kept_open_is_opened_once(
         read_scene(tmp_path / "none.h5", "a", [], 1)
 
 
+def test_an_unfinished_run_is_to_be_resumed(full_run: Path, tmp_path: Path) -> None:
+    path = shutil.copytree(full_run, tmp_path / "stopped")
+    (path / "samples.parquet").unlink()
+    with edited_manifest(path) as content:
+        content["status"] = "interrupted"
+    with pytest.raises(InputError, match="no results yet: finish it with `.*--resume"):
+        read_run(path)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "error", "words"),
     [
         ("manifest.json", None, InputError, "run directory"),
-        ("samples.parquet", None, InputError, "--resume"),
+        ("samples.parquet", None, DataCorruptError, "lacks samples.parquet, though its run was"),
         ("methods.parquet", b"PAR1", DataCorruptError, "methods.parquet"),
     ],
 )
