@@ -139,7 +139,7 @@ def test_an_unfinished_run_is_to_be_resumed(full_run: Path, tmp_path: Path) -> N
     (path / "samples.parquet").unlink()
     with edited_manifest(path) as content:
         content["status"] = "interrupted"
-    with pytest.raises(InputError, match="no results yet: finish it with `.*--resume"):
+    with pytest.raises(InputError, match=r"no results yet: finish it with `.*--resume"):
         read_run(path)
 
 
