@@ -132,6 +132,7 @@ def test_frames_by_an_older_sampler_are_drawn_again(
     assert (older["effective"] >= sampler.CORRECTED).all()
     try:
         monkeypatch.setattr(drawing, "KEPT_SINCE", drawing.VERSION - 1)
+        monkeypatch.setattr(drawing, "KEPT_RHAT", np.inf)
         draw_posteriors([scenario], tmp_path / "none", 2, record=True)
         assert not (tmp_path / "none").exists()
         monkeypatch.setattr(drawing, "KEPT_SINCE", drawing.VERSION)
