@@ -39,10 +39,10 @@ from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 from eitbench.scenarios.suites.scenario import TOUCHES, Scenario, SimulatedScenario
 
-VERSION, KEPT_SINCE, KEPT_RHAT = 4, 2, 1.05
+VERSION, KEPT_RHAT = 4, 1.05
 """The first is raised by one whenever a frame gives other draws than before. Recorded frames by
-versions since the second stay where their weights are exact and R-hat is below the third: as far as
-a frame's own checks can tell, such draws are right. (A family or mode that both samplers lost is
+earlier versions stay where their weights are exact and R-hat is below the second: as far as a
+frame's own checks can tell, such draws are right. (A family or mode that both samplers lost is
 not seen. That samplers agree selects frames whose errors by chance are alike, so that the product
 of the errors is a little too large.)"""
 CLEAN_DB, MOST_DB = 70.0, 80.0
@@ -179,8 +179,8 @@ def draw_posteriors(
 
 def _kept(recorded: pd.DataFrame) -> pd.Series:
     """True for recorded frames that need not be drawn anew."""
-    kept = (recorded["version"] >= KEPT_SINCE) & (recorded["effective"] >= CORRECTED)
-    return (kept & (recorded["rhat"] < KEPT_RHAT)) | (recorded["version"] == VERSION)
+    agree = (recorded["effective"] >= CORRECTED) & (recorded["rhat"] < KEPT_RHAT)
+    return agree | (recorded["version"] == VERSION)
 
 
 def draws_of(

@@ -224,6 +224,16 @@ def read(run: Path) -> Manifest:
     return content
 
 
+def check_own(run: Path, manifest: Manifest, instead: str) -> None:
+    """Check that files may be written into a run directory; `instead` ends the sentence if not.
+
+    Raises:
+        InputError: it is a record or a submission, which are checked by what they hold.
+    """
+    if manifest.get("images"):
+        raise InputError(f"{run} is a record or a submission, which stays as it is: {instead}.")
+
+
 def first_problem(error: ValidationError) -> tuple[str, str]:
     """Place and reason of the first problem."""
     first = error.errors(include_url=False)[0]

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
-from eitbench.benchmark.rundir.manifest import Manifest, first_problem, read
+from eitbench.benchmark.rundir.manifest import Manifest, check_own, first_problem, read
 from eitbench.benchmark.workers.worker import plugin_names
 from eitbench.methods.places.by_image import create_place_method
 from eitbench.methods.registry import (
@@ -165,11 +165,7 @@ def read_resumable(run: Path) -> tuple[Manifest, Plan]:
         InputError, DataCorruptError: as for `plan_of` and `manifest.read`, or a plugin has changed.
     """
     manifest = read(run)
-    if manifest.get("images"):
-        raise InputError(
-            f"{run} is a record or a submission, made of a finished run: nothing is written into "
-            "it. Start a run of your own."
-        )
+    check_own(run, manifest, "start a run of your own")
     plan = plan_of(manifest, run, _Resumable)
     for plugin in plan.plugins:
         if not plugin.path.is_file() or sha256_of(plugin.path) != plugin.sha256:

@@ -114,8 +114,11 @@ def _without_folders(content: manifest.Manifest) -> manifest.Manifest:
 
 def _without_folder(command: str) -> str:
     """The command with the names of files and folders alone."""
-    words = shlex.split(command)
-    return shlex.join(Path(word).name if Path(word).is_absolute() else word for word in words)
+    words = []
+    for word in shlex.split(command):
+        option, equals, value = word.rpartition("=")  # --out=RUN
+        words.append(option + equals + (Path(value).name if Path(value).is_absolute() else value))
+    return shlex.join(words)
 
 
 def _round_images(source: Path, target: Path) -> None:

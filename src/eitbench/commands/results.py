@@ -63,10 +63,8 @@ def report(
     from eitbench.benchmark.rundir import manifest
     from eitbench.reports.page.report import write_report
 
-    if out is None and manifest.read(runs[0]).get("images"):
-        raise typer.BadParameter(
-            f"{runs[0]} is a record or a submission, which stays as it is: name a folder with --out"
-        )
+    if out is None:
+        manifest.check_own(runs[0], manifest.read(runs[0]), "name a folder with --out")
     written, missing = write_report(runs, out or runs[0] / "report")
     for path in written:
         typer.echo(str(path))

@@ -112,14 +112,13 @@ def test_frames_of_the_record_are_not_drawn_again(
 def test_recorded_frames_stay_where_their_own_checks_find_nothing() -> None:
     frames = pd.DataFrame(
         [
-            {"version": drawing.KEPT_SINCE, "effective": 0.31, "rhat": 1.04},
-            {"version": drawing.KEPT_SINCE, "effective": 0.31, "rhat": 1.06},
-            {"version": drawing.KEPT_SINCE, "effective": 0.29, "rhat": 1.04},
-            {"version": drawing.KEPT_SINCE - 1, "effective": 0.31, "rhat": 1.04},
+            {"version": drawing.VERSION - 1, "effective": 0.31, "rhat": 1.04},
+            {"version": drawing.VERSION - 1, "effective": 0.31, "rhat": 1.06},
+            {"version": drawing.VERSION - 1, "effective": 0.29, "rhat": 1.04},
             {"version": drawing.VERSION, "effective": 0.01, "rhat": 9.0},
         ]
     )
-    assert drawing._kept(frames).tolist() == [True, False, False, False, True]
+    assert drawing._kept(frames).tolist() == [True, False, False, True]
 
 
 @pytest.mark.slow
@@ -131,11 +130,10 @@ def test_frames_by_an_older_sampler_are_drawn_again(
     older = write_older_record(scenario, tmp_path, monkeypatch)
     assert (older["effective"] >= sampler.CORRECTED).all()
     try:
-        monkeypatch.setattr(drawing, "KEPT_SINCE", drawing.VERSION - 1)
         monkeypatch.setattr(drawing, "KEPT_RHAT", np.inf)
         draw_posteriors([scenario], tmp_path / "none", 2, record=True)
         assert not (tmp_path / "none").exists()
-        monkeypatch.setattr(drawing, "KEPT_SINCE", drawing.VERSION)
+        monkeypatch.setattr(drawing, "KEPT_RHAT", 1.0)
         draw_posteriors([scenario], tmp_path / "new", 2, record=True)
         assert len(list((tmp_path / "new" / "few").iterdir())) == 2
         frames = write_record(
