@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from docs.tables.record import BOARD, printed, recorded
+from docs.tables.record import BOARD, newest_version, printed, recorded
 from rich.console import Console
 
 from eitbench.benchmark.analysis.results import read_run
@@ -109,10 +109,9 @@ def _gaps() -> str:
 
 def _without_hidden() -> str:
     """Methods of records of the newest version that have no hidden figures."""
-    newest = max(BOARD.glob("2*"), key=lambda path: version_key(path.name))
-    records = read_hidden(newest)
+    records = read_hidden(newest_version())
     rows = []
-    for path in sorted(newest.glob("*/manifest.json")):
+    for path in sorted(newest_version().glob("*/manifest.json")):
         run, suite = read_run(path.parent), path.parent.name
         names = list(run.cells[run.kind.name].unique())
         have = {gap.method for of in records if of.suite == suite for gap in of.gaps}

@@ -38,6 +38,11 @@ def record(suite: str) -> Run:
     return read_run(newest(suite))
 
 
+def newest_version() -> Path:
+    """Return the folder of the newest version of the leaderboard."""
+    return max(BOARD.glob("2*"), key=lambda path: version_key(path.name))
+
+
 def newest(suite: str) -> Path:
     """Return the folder of the newest record of a suite."""
     records = BOARD.glob(f"2*/{suite}/manifest.json")

@@ -3,11 +3,10 @@
 import json
 from typing import Any
 
-from docs.tables.record import BOARD, STUDIES, printed
+from docs.tables.record import STUDIES, newest_version, printed
 
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
-from eitbench.reports.board.changes import version_key
 
 AIM_MS, AIM_SHARE = 5.0, 0.03
 """What the harness may take for a sample, or of a run: the larger of the two is the aim."""
@@ -71,9 +70,8 @@ def _cost_where() -> str:
 
 def _aims_table() -> str:
     """Time of a frame of the slow methods that have an aim, in records of the newest version."""
-    newest = max(BOARD.glob("2*"), key=lambda path: version_key(path.name))
     rows = []
-    for path in sorted(newest.glob("*/manifest.json")):
+    for path in sorted(newest_version().glob("*/manifest.json")):
         run = read_run(path.parent)
         for method, aim_ms in AIMS_MS.items() if run.kind is METHOD_RUNS else ():
             cells = run.cells[run.cells["method"] == method].dropna(subset="frame_ms_p50")

@@ -262,8 +262,11 @@ def _copy_images(kept: Run, run: Run, out: h5py.File) -> None:
     """Copy the images of a record, but those of what was run again."""
     with h5py.File(kept.path / kept.kind.arrays, "r") as older:
         for scenario in kept.scenarios():
-            again = set(run.cells.loc[run.cells["scenario"] == scenario, run.kind.name])
-            for name in older[scenario].keys() - again:
+            stay, again = (
+                set(of.cells.loc[of.cells["scenario"] == scenario, run.kind.name])
+                for of in (kept, run)
+            )
+            for name in older[scenario].keys() & ({TRUTH} | stay - again):
                 older.copy(f"{scenario}/{name}", out.require_group(scenario))
 
 

@@ -431,6 +431,22 @@ def test_reasons_are_texts_by_method(tmp_path: Path) -> None:
         reasons(tmp_path)
 
 
+def test_what_a_later_run_leaves_out_has_neither_rows_nor_images(
+    record: Path, tmp_path: Path
+) -> None:
+    """It cannot run there, whatever the record before holds of it."""
+    part = start_run(make_plan(SUITE, methods=("greit",)), tmp_path / "part").path
+    with edited_manifest(part) as content:
+        content["skipped"] = {"n/noser": "Scenario 'n' is left out for 'noser': it cannot."}
+    kept = read_run(write_record(part, tmp_path / "2026.2" / "mine", record))
+    assert {*read_run(record).cells["method"]} == {"greit", "noser"}
+    assert {*kept.cells["method"]} == {*kept.samples["method"]} == {"greit"}
+    assert [cell["name"] for cell in kept.manifest["cells"]] == ["greit"]
+    assert list(kept.manifest["skipped"]) == ["n/noser"]
+    with h5py.File(kept.path / "reconstructions.h5") as file:
+        assert {*file["n"]} == {"truth", "greit"}
+
+
 @pytest.mark.slow
 def test_methods_that_come_later_stand_beside_the_rows_of_the_record_before(
     record: Path, tmp_path: Path
