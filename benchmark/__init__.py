@@ -4,7 +4,7 @@ from eitbench.scenarios.arrays import nearest_pixels
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError, unknown_name
 from eitbench.scenarios.interrupts import worker_pool
 from eitbench.scenarios.similarity import Similarity
-from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.atomic_write import atomic_write, atomic_write_json
 from eitbench.scenarios.storage.files import writing
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "InputError",
     "Similarity",
     "atomic_write",
+    "atomic_write_json",
     "nearest_pixels",
     "unknown_name",
     "worker_pool",

@@ -1,6 +1,5 @@
 """Quality of the recorded data of a run, stored beside its results."""
 
-import json
 from contextlib import suppress
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError
 from eitbench.scenarios.recordings.descriptors import contact_places
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.quality import quality
-from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.atomic_write import atomic_write_json
 from eitbench.scenarios.suites.scenario import RecordedScenario
 
 
@@ -35,7 +34,7 @@ def write_notes(run: Path) -> None:
     with suppress(OSError, ValueError):  # none, or damaged: they are made again
         found |= STORED_NOTES.validate_json(path.read_bytes())
     if found := found | noted(manifests.read(run)):
-        atomic_write(path, (json.dumps(found, indent=2, allow_nan=False) + "\n").encode())
+        atomic_write_json(path, found)
 
 
 def noted(manifest: manifests.Manifest) -> dict[str, dict[str, float | None]]:

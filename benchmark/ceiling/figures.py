@@ -10,7 +10,6 @@ frames' PSNR have optima of their own, and the figures of the same mean are a re
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -47,7 +46,7 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.atomic_write import atomic_write, atomic_write_json
 from eitbench.scenarios.suites.scenario import Scenario
 
 TRACES = ("x", "y", "strength", "area")
@@ -296,5 +295,5 @@ def write_record(
     }
     table = frames.to_csv(index=False, float_format="%.6g", lineterminator="\n")
     atomic_write(out / f"{suite}.csv", table.encode())
-    atomic_write(out / f"{suite}.json", (json.dumps(about, indent=1) + "\n").encode())
+    atomic_write_json(out / f"{suite}.json", about)
     return frames

@@ -6,7 +6,6 @@ sign, scale), and scores the images of our own method so. A row that is reproduc
 with that reading, which proves nothing; a figure that no reading reproduces stays unexplained.
 """
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +26,7 @@ from eitbench.scenarios.interrupts import worker_pool
 from eitbench.scenarios.physics.forward import forward_model
 from eitbench.scenarios.sensors.patterns import offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.atomic_write import atomic_write_json
 from eitbench.scenarios.suites.suite import load_suite
 
 FILE_NAME = "readings.json"
@@ -207,5 +206,5 @@ def write_readings(table: pd.DataFrame, samples: int, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     content = {"written": now(), "samples": samples, "rows": table.to_dict("records")}
     path = folder / FILE_NAME
-    atomic_write(path, (json.dumps(content, indent=1) + "\n").encode())
+    atomic_write_json(path, content)
     return path

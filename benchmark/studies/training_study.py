@@ -42,7 +42,7 @@ from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataCorruptError, InputError, unknown_name
 from eitbench.scenarios.interrupts import termination_interrupts, worker_pool
 from eitbench.scenarios.sensors.sensor import Sensor, foam16
-from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.atomic_write import atomic_write, atomic_write_json
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import load_suite
 
@@ -190,7 +190,7 @@ def _begin(out: Path, settings: Mapping[str, Any]) -> bool:
         return False
     if any(entry.name != LOCK for entry in out.iterdir()):
         raise InputError(f"{out} is not empty and holds no study: choose another folder.")
-    atomic_write(file, (json.dumps(settings, indent=1) + "\n").encode())
+    atomic_write_json(file, settings)
     return True
 
 

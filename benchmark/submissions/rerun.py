@@ -40,7 +40,7 @@ from eitbench.benchmark.submissions.submission import Submission
 from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.scenarios.errors import DataCorruptError
-from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.atomic_write import atomic_write_json
 from eitbench.scenarios.storage.files import sha256_of
 
 REPRODUCED = "reproduced.json"
@@ -285,7 +285,7 @@ def note_reproduced(submission: Submission, n: int) -> Path | None:
     known, of = reproduced(file.parent), digest(run)
     again = max([min(total, n), *map(int, re.findall(r"^\d+", known.get(of, "")))])
     known[of] = f"{again} of {total} samples"
-    atomic_write(file, (json.dumps(known, indent=1) + "\n").encode())
+    atomic_write_json(file, known)
     return file
 
 

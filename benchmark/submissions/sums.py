@@ -33,8 +33,7 @@ def note_sums(paths: Sequence[Path]) -> None:
         of, _, file = name.partition("/")
         return of != folder.name or (file not in new and (folder / file).is_file())
 
-    noted = sums.read_text().splitlines(keepends=True) if sums.is_file() else []
-    kept = [line for line in noted if is_kept(line[66:].strip())]
+    kept = [line for path, line in _noted(folder.parent).items() if is_kept(path)]
     atomic_write(sums, "".join([*kept, *map(_sum_of, paths)]).encode())
 
 
@@ -44,45 +43,62 @@ def check_sums(version: Path) -> None:
     Raises:
         DataCorruptError: a file has changed, is gone, or was added.
     """
-    sums = version / SUMS
-    lines = sums.read_text(errors="replace").splitlines(keepends=True) if sums.is_file() else []
-    noted = {line[66:].strip(): line for line in lines}
-    folders = [path for path in version.iterdir() if path.is_dir() and path.name != FOLDER]
-    there = {
-        f"{folder.name}/{path.name}": path
-        for folder in folders
-        for path in folder.iterdir()
-        if path.is_file()
-    }
-    for name in sorted(noted.keys() | there.keys()):
-        if name not in there:
-            what = "is gone"
-        elif name not in noted:
-            what = f"is not noted in {SUMS}"
-        elif noted[name] != _sum_of(there[name]):
-            what = f"is not the file that {SUMS} notes"
-        else:
-            continue
-        raise DataCorruptError(
-            f"{version / name} {what}: published records are never edited. Take the version from "
-            "git again."
-        )
+    noted = {path.partition("/")[0] for path in _noted(version)}
+    there = {path.name for path in version.iterdir() if path.is_dir() and path.name != FOLDER}
+    for name in sorted(noted | there):
+        _check(version / name)
 
 
-def fit_sums(folder: Path) -> bool:
-    """True if the files of a record are those that its version has noted."""
+def is_noted(folder: Path) -> bool:
+    """True of a record that is of a version, which has noted its files.
+
+    Raises:
+        DataCorruptError: a file has changed, is gone, or was added.
+    """
     sums = folder.parent / SUMS
     if not sums.is_file():
         return False
     files = [sums, *sorted(path for path in folder.iterdir() if path.is_file())]
-    return _fit(folder, tuple((path.name, path.stat().st_mtime_ns) for path in files))
+    return _is_noted(folder, tuple((path.name, path.stat().st_mtime_ns) for path in files))
 
 
 @lru_cache(maxsize=64)
-def _fit(folder: Path, _state: tuple[tuple[str, int], ...]) -> bool:
-    """`fit_sums`, kept for as long as no file changes: it is asked for every row of a board."""
-    noted = (folder.parent / SUMS).read_text(errors="replace").splitlines(keepends=True)
-    return {line for line in noted if line[66:].startswith(f"{folder.name}/")} == {*sums_of(folder)}
+def _is_noted(folder: Path, _state: tuple[tuple[str, int], ...]) -> bool:
+    """`is_noted`, kept for as long as no file changes: it is asked for every row of a board."""
+    if not any(path.startswith(f"{folder.name}/") for path in _noted(folder.parent)):
+        return False
+    _check(folder)
+    return True
+
+
+def _check(folder: Path) -> None:
+    """Check the files of one folder of a version, see `check_sums`."""
+    noted = {
+        path: line
+        for path, line in _noted(folder.parent).items()
+        if path.startswith(f"{folder.name}/")
+    }
+    there = sorted(folder.iterdir()) if folder.is_dir() else []
+    files = {f"{folder.name}/{path.name}": path for path in there if path.is_file()}
+    for name in sorted(noted.keys() | files.keys()):
+        if name not in noted:
+            raise DataCorruptError(
+                f"{folder.parent / name} is not noted in {SUMS}: published records are never "
+                "edited. Take the file away."
+            )
+        if name not in files or noted[name] != _sum_of(files[name]):
+            what = f"is not the file that {SUMS} notes" if name in files else "is gone"
+            raise DataCorruptError(
+                f"{folder.parent / name} {what}: published records are never edited. Take the "
+                "version from git again."
+            )
+
+
+def _noted(version: Path) -> dict[str, str]:
+    """Lines of the sums of a version, by the file that each is of; empty where it has none."""
+    sums = version / SUMS
+    lines = sums.read_text(errors="replace").splitlines(keepends=True) if sums.is_file() else []
+    return {line[66:].strip(): line for line in lines}
 
 
 def _sum_of(path: Path) -> str:

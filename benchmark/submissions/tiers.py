@@ -17,7 +17,7 @@ from eitbench.benchmark.submissions.hidden import (
 from eitbench.benchmark.submissions.rerun import digest, reproduced
 from eitbench.benchmark.submissions.statement import STATEMENT
 from eitbench.benchmark.submissions.submission import FOLDER
-from eitbench.benchmark.submissions.sums import fit_sums
+from eitbench.benchmark.submissions.sums import is_noted
 
 Tier = Literal["self-reported", "reproduced", "hidden"]
 """The images are its author's; we made them again from code; we also ran it on a hidden set."""
@@ -89,11 +89,11 @@ def is_ranked(run: Run) -> bool:
 def reproduced_on(run: Run) -> str:
     """Return what was run again of a run, such as "32 of 36 samples"; "" where nothing was.
 
-    All of a record was run by us, if its files are those that its version has noted.
+    All of a record was run by us, if a version of the board has noted its files.
 
     Raises:
-        DataCorruptError: the file beside the run is damaged.
+        DataCorruptError: the file beside the run is damaged, or a file of the record has changed.
     """
     if not run.whole:
-        return "all samples, by the maintainers" if fit_sums(run.path.resolve()) else ""
+        return "all samples, by the maintainers" if is_noted(run.path.resolve()) else ""
     return reproduced(run.path.resolve().parent).get(digest(run.path), "")

@@ -12,7 +12,7 @@ from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES
 from eitbench.methods.registry import methods
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import content_hash
-from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.atomic_write import atomic_write_json
 from eitbench.scenarios.storage.cache_dir import cache_dir
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, SimulatedScenario
 
@@ -182,7 +182,7 @@ def record(scenario: Scenario, selections: Mapping[str, Selection], folder: Path
         "rule": RULE,
         "choices": dict(sorted((before | added).items())),
     }
-    atomic_write(path, (json.dumps(content, indent=1) + "\n").encode())
+    atomic_write_json(path, content)
     return path
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
@@ -19,7 +18,7 @@ from eitbench.methods.weights.weight_files import packaged_weights, sensor_key, 
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import clean_frames, nominal_samples
 from eitbench.scenarios.errors import DataCorruptError, InputError, unknown_name
-from eitbench.scenarios.storage.atomic_write import atomic_write
+from eitbench.scenarios.storage.atomic_write import atomic_write, atomic_write_json
 from eitbench.scenarios.storage.cache_dir import cache_dir
 from eitbench.scenarios.storage.files import writing
 from eitbench.scenarios.suites.suite import load_suite
@@ -342,9 +341,8 @@ class TrainingJob:
         path = self.folder / self._file_name
         self._files.save(path, self.sensor, state.best, metadata)
         content = {**metadata, "curve": [epoch.row() for epoch in state.curve]}
-        text = json.dumps(content, indent=1) + "\n"
         with writing(path.parent):
-            atomic_write(path.with_suffix(".json"), text.encode())
+            atomic_write_json(path.with_suffix(".json"), content)
         result = TrainingResult(
             self.request.name, path, False, best.validation, baseline, baseline_loss, loss_before
         )

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from pandas.api.types import is_float_dtype
 
-from eitbench.benchmark import InputError, atomic_write
+from eitbench.benchmark import InputError, atomic_write, atomic_write_json
 from eitbench.benchmark.analysis.recording_notes import noted
 from eitbench.benchmark.analysis.results import (
     BUSY,
@@ -108,7 +108,7 @@ def write_record(run_path: Path, out: Path, older: Path | None = None) -> Path:
     shutil.rmtree(staged, ignore_errors=True)
     staged.mkdir(parents=True)
     if notes:
-        atomic_write(staged / NOTES_FILE, json.dumps(notes, indent=1).encode())
+        atomic_write_json(staged / NOTES_FILE, notes)
     cells.to_parquet(staged / run.kind.table, index=False, **COMPRESSION)
     _write_rounded(samples, staged / SAMPLES)
     # A line for each entry, for git, and no blanks.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
 import shutil
@@ -12,7 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from eitbench.benchmark import InputError, atomic_write
+from eitbench.benchmark import InputError, atomic_write_json
 from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.analysis.results import NOTES_FILE, ROUNDED
 from eitbench.benchmark.rundir import manifest
@@ -81,22 +80,16 @@ def write_submission(run: Path, out: Path, *, jobs: int = 1) -> Written:
     arrays = METHOD_RUNS.arrays
     _round_images(run / arrays, staged / arrays)
     content = _without_folders(manifest.read(run))
-    _write_json(staged / manifest.FILE_NAME, content | {"images": ROUNDED})
+    atomic_write_json(staged / manifest.FILE_NAME, content | {"images": ROUNDED})
     rescore(staged)
     if moved := _moved(run, staged):
-        _write_json(staged / manifest.FILE_NAME, content)
+        atomic_write_json(staged / manifest.FILE_NAME, content)
         for name in (SAMPLES, arrays):
             shutil.copyfile(run / name, staged / name)
     write_leaderboard(ranked_rows([staged]), staged, ("json",))
-    empty = Statement().model_dump_json(indent=1) + "\n"
-    atomic_write(staged / STATEMENT, empty.encode())
+    atomic_write_json(staged / STATEMENT, Statement().model_dump())
     staged.rename(out)
     return Written(out, moved, sum(p.stat().st_size for p in out.rglob("*") if p.is_file()))
-
-
-def _write_json(path: Path, content: manifest.Manifest) -> None:
-    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    atomic_write(path, text.encode())
 
 
 def _without_folders(content: manifest.Manifest) -> manifest.Manifest:

@@ -1,12 +1,14 @@
 """Files that appear whole or not at all, whoever writes them at once and whenever one is killed."""
 
 import glob
+import json
 import os
 import secrets
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 # A part this old [s] was left by a killed process: writing one takes seconds. Whether that process
 # lives cannot be asked, where the folder is shared by machines.
@@ -40,6 +42,15 @@ def atomic_write(path: Path, content: bytes | Callable[[Path], object]) -> None:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def atomic_write_json(path: Path, value: Any) -> None:
+    """Make `value` the JSON file `path`, as `atomic_write` does, with a line for each entry.
+
+    Raises:
+        ValueError: it holds NaN or an infinity, which JSON does not know.
+    """
+    atomic_write(path, (json.dumps(value, indent=1, allow_nan=False) + "\n").encode())
 
 
 def _sweep(path: Path) -> None:

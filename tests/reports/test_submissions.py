@@ -30,7 +30,7 @@ from eitbench.reports.board.submissions import TOLERANCE, write_submission
 from eitbench.reports.tables.boards import notes
 from eitbench.reports.tables.leaderboard import ranked_rows, write_leaderboard
 from eitbench.scenarios.data.datasets import load
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.phantoms.phantom import contents
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import Suite, load_suite, suites
@@ -463,8 +463,8 @@ def test_a_run_has_no_tier_and_a_record_was_run_by_us(run: Path, tmp_path: Path)
     assert told == "tier of noser: reproduced on all samples, by the maintainers"
     with (record / "manifest.json").open("a") as file:
         file.write(" ")  # by somebody else
-    (told,) = [note for note in notes(ranked_rows([record])) if "tier" in note]
-    assert told == "tier of noser: self-reported"
+    with pytest.raises(DataCorruptError, match=r"mine/manifest\.json is not the file that"):
+        notes(ranked_rows([record]))
     (record.parent / SUMS).write_bytes(b"\xff\x00 no text")
     (told,) = [note for note in notes(ranked_rows([record])) if "tier" in note]
     assert told == "tier of noser: self-reported"

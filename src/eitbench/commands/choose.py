@@ -1,6 +1,5 @@
 """The command that says which method to put behind a sensor."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -52,7 +51,7 @@ def choose(
     from eitbench.benchmark.run.progress import RunProgress
     from eitbench.commands.tables import names_table
     from eitbench.reports.tables.choice import choice_rows, sentence
-    from eitbench.scenarios.storage.atomic_write import atomic_write
+    from eitbench.scenarios.storage.atomic_write import atomic_write, atomic_write_json
 
     folder = out or new_folder("choose")
     choice = chosen(
@@ -67,7 +66,7 @@ def choose(
     plain = choice.model_dump(mode="json")
     table = pd.json_normalize(plain["tried"], sep="_").to_csv(index=False, lineterminator="\n")
     atomic_write(folder / "choice.csv", table.encode())
-    atomic_write(folder / "choice.json", (json.dumps(plain, indent=1) + "\n").encode())
+    atomic_write_json(folder / "choice.json", plain)
     if choice.note:
         warn(choice.note)
     if as_json:

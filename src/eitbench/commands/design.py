@@ -1,6 +1,5 @@
 """The command that says what a sensor can feel before it is built."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -140,13 +139,11 @@ def _write(out: Path, designs: Any, about: dict[str, Any]) -> None:
     from eitbench.reports.figures.style import STYLE, save
     from eitbench.reports.tables.design import design_table, places_table
     from eitbench.reports.tables.formats import csv_text
-    from eitbench.scenarios.storage.atomic_write import atomic_write
+    from eitbench.scenarios.storage.atomic_write import atomic_write, atomic_write_json
 
     for name, table in (("designs", design_table(designs)), ("places", places_table(designs))):
         atomic_write(out / f"{name}.csv", csv_text(table, "%.5g").encode())
-    atomic_write(
-        out / "design.json", (json.dumps(about, indent=1, allow_nan=False) + "\n").encode()
-    )
+    atomic_write_json(out / "design.json", about)
     if any(of.maps is not None for of in designs):
         with mpl.rc_context(STYLE):
             save(design_figure(designs), out / "design")

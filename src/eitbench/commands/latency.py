@@ -1,6 +1,5 @@
 """The command that measures how soon a live view shows a touch, and how long it stays."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -99,12 +98,10 @@ def _write(
     from eitbench.reports.figures.latency import latency_figure
     from eitbench.reports.figures.style import STYLE, save
     from eitbench.reports.tables.formats import csv_text
-    from eitbench.scenarios.storage.atomic_write import atomic_write
+    from eitbench.scenarios.storage.atomic_write import atomic_write, atomic_write_json
 
     for name, rows in (("latency", table), ("touches", found.touches)):
         atomic_write(out / f"{name}.csv", csv_text(rows, "%.5g").encode())
-    atomic_write(
-        out / "latency.json", (json.dumps(about, indent=1, allow_nan=False) + "\n").encode()
-    )
+    atomic_write_json(out / "latency.json", about)
     with mpl.rc_context(STYLE):
         save(latency_figure(found.images, frame_s), out / "latency")

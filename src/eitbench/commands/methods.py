@@ -270,13 +270,12 @@ def superposition(
     """Measure how far real pairs of touches are the sum of single ones, and where they are."""
     from eitbench.benchmark.studies.superposition import record
     from eitbench.reports.studies.superposition import explained_table
-    from eitbench.scenarios.storage.atomic_write import atomic_write
+    from eitbench.scenarios.storage.atomic_write import atomic_write_json
 
     found = record("eitbench superposition")
     typer.echo(explained_table(found))
     path = out / "superposition.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    atomic_write(path, (json.dumps(found, indent=1) + "\n").encode())
+    atomic_write_json(path, found)
     typer.echo(str(path))
 
 

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from eitbench.benchmark.submissions.sums import SUMS, fit_sums, note_sums
+from eitbench.benchmark.submissions.sums import SUMS, check_sums, is_noted, note_sums
+from eitbench.scenarios.errors import DataCorruptError
 
 
 @pytest.fixture
@@ -20,20 +21,39 @@ def version(tmp_path: Path) -> Path:
 
 def test_a_record_that_is_written_again_has_its_new_sums_alone(version: Path) -> None:
     record, other = version / "bench", version / "other"
-    assert fit_sums(record)
-    assert fit_sums(other)
+    assert is_noted(record)
+    assert is_noted(other)
     (record / "a").write_text("new")
-    assert not fit_sums(record)
+    with pytest.raises(DataCorruptError, match=r"bench/a is not the file that SHA256SUMS notes"):
+        is_noted(record)
     (record / "b").rename(record / "c")
     note_sums([record / "a", record / "c"])
-    assert fit_sums(record)
-    assert fit_sums(other)
+    assert is_noted(record)
+    assert is_noted(other)
 
 
 def test_a_file_that_is_gone_stays_noted(version: Path) -> None:
     """Nobody hides it by writing another record."""
     (version / "other" / "a").unlink()
     note_sums([version / "bench" / "a"])
-    assert not fit_sums(version / "other")
+    with pytest.raises(DataCorruptError, match="other/a is gone"):
+        is_noted(version / "other")
     names = [line.split()[1] for line in (version / SUMS).read_text().splitlines()]
     assert names == ["bench/b", "other/a", "bench/a"]
+
+
+def test_a_stray_file_in_a_record_is_named(version: Path) -> None:
+    (version / "bench" / "notes.txt").write_text("mine")
+    assert is_noted(version / "other")
+    for check in (lambda: is_noted(version / "bench"), lambda: check_sums(version)):
+        with pytest.raises(DataCorruptError, match=r"bench/notes\.txt is not noted in SHA256SUMS"):
+            check()
+
+
+def test_a_folder_that_no_version_has_noted_is_nobodys_record(version: Path) -> None:
+    (version / "mine").mkdir()
+    (version / "mine" / "a").write_text("a")
+    assert not is_noted(version / "mine")
+    assert not is_noted(version)
+    with pytest.raises(DataCorruptError, match="mine/a is not noted"):
+        check_sums(version)
