@@ -253,6 +253,12 @@ def origin(manifest: Manifest, name: str, scenario: str = "") -> Manifest:
     return manifest
 
 
+def commits(manifest: Manifest) -> list[str | None]:
+    """The commits of the code of one run: at which it began, and was resumed; each once."""
+    begun = [manifest, *manifest.get("resumed", [])]
+    return list(dict.fromkeys(of["git_commit"] for of in begun))
+
+
 def samples_of(manifest: Manifest) -> dict[str, int]:
     """Return the number of test samples of each scenario of a run."""
     return {name: data["n"] for name, data in manifest["data"].items()}

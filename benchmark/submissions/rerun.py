@@ -289,6 +289,14 @@ def note_reproduced(submission: Submission, n: int) -> Path | None:
     return file
 
 
+def withdraw_reproduced(run: Path) -> None:
+    """Take back that a run was reproduced, if it is noted: it was run again with other images."""
+    file = run.resolve().parent / REPRODUCED
+    known = reproduced(file.parent)
+    if known.pop(digest(run), None):
+        atomic_write_json(file, known)
+
+
 def reproduced(runs: Path) -> dict[str, str]:
     """Return what was run again of the runs in the folder `runs`, by digest.
 

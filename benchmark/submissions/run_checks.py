@@ -97,6 +97,8 @@ def holds_nothing_else(of: Submission) -> str:
         above = of.run.path.resolve().parent
         if above.parent.name == FOLDER and above.name != of.plan.suite.name:
             return f"It belongs into {FOLDER}/{of.plan.suite.name}, and not {above.name}."
+        if of.run.path.resolve().name == of.plan.suite.name:
+            return f"It has the name of its suite, {of.plan.suite.name!r}: rename the folder."
     return ""
 
 

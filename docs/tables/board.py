@@ -11,7 +11,7 @@ from rich.console import Console
 
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.metrics import METRICS
-from eitbench.benchmark.rundir.manifest import ADDED
+from eitbench.benchmark.rundir.manifest import ADDED, commits
 from eitbench.benchmark.submissions.hidden import Gap, read_hidden
 from eitbench.reports.board.changes import changes, last_before, reasons, version_key
 from eitbench.reports.board.records import spent_s
@@ -62,7 +62,7 @@ def _records() -> str:
                 version.name, f"`{path.parent.name}`", str(methods), f"{frames:,}",
                 f"{minutes:.1f}", _minutes(run.manifest), _timed(run.cells), f"{size:.1f}",
                 ", ".join(dict.fromkeys(str(of["started"])[:10] for of in made)),
-                ", ".join(dict.fromkeys(_commit(str(of["git_commit"])) for of in made)),
+                ", ".join(dict.fromkeys(_commit(str(c)) for of in made for c in commits(of))),
             ])  # fmt: skip
         minutes, size = whole
         total = [f"{len(hashes):,}", f"{minutes:.1f}", "", "", f"{size:.1f}"]

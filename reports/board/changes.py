@@ -45,7 +45,8 @@ class Changes:
         older: the version of the older one.
         exact: the same kind of machine made all of both, so that figures are compared to the last
             bit; cells of different machines may differ by `SAME`, the rounding of processors.
-        kept: the methods all of whose figures are the same.
+        kept: the methods that were run again and have all figures as before.
+        taken: those all of whose rows are from the same runs in both records.
         changed: of each other method that is in both, what changed, in words.
         unlike: scenarios whose data are others, which are not compared.
     """
@@ -53,6 +54,7 @@ class Changes:
     older: str
     exact: bool
     kept: list[str]
+    taken: list[str]
     changed: dict[str, str]
     unlike: list[str]
 
@@ -70,14 +72,18 @@ def changes(older: Path, newer: Path) -> Changes:
     figures = [name for name in _figures(after) if name in before.samples]
     sums = [_checksums_of(run) for run in (before, after)]
     differing: dict[str, list[str]] = {}
+    taken = set[str]()
     alike: list[bool] = []
     for scenario in same:
         tables = [_by_method(run, scenario) for run in (before, after)]
         for method in tables[0].keys() & tables[1].keys():
+            origins = [manifest.origin(run.manifest, method, scenario) for run in (before, after)]
+            if _run(origins[0]) == _run(origins[1]):
+                taken.add(method)
+                continue
             one, other = (rounded(table[method][figures].to_numpy(float)) for table in tables)
             differing.setdefault(method, [])
-            machines = [_machine(run, scenario, method) for run in (before, after)]
-            alike.append(exact := machines[0] == machines[1])
+            alike.append(exact := _machine(origins[0]) == _machine(origins[1]))
             allowed = 0.0 if exact else SAME
             if one.shape != other.shape:
                 differing[method].append(f"{len(one)} samples became {len(other)} ({scenario})")
@@ -93,6 +99,7 @@ def changes(older: Path, newer: Path) -> Changes:
         older=older.parent.name,
         exact=all(alike),
         kept=sorted(name for name, says in differing.items() if not says),
+        taken=sorted(taken - differing.keys()),
         changed={name: ", ".join(says) for name, says in sorted(differing.items()) if says},
         unlike=[name for name in both if name not in same],
     )
@@ -165,8 +172,12 @@ def reasons(version: Path) -> dict[str, str]:
 def in_words(found: Changes, why: Mapping[str, str]) -> list[str]:
     """What changed, a sentence each."""
     sure = "to the last bit" if found.exact else "to the rounding of another processor"
-    count = f"{len(found.kept)} method{'s' * (len(found.kept) != 1)}"
-    said = [f"Against {found.older}, {count} kept all figures {sure}."] if found.kept else []
+    said = []
+    if n := len(found.kept):
+        kept = f"{n} method{'s' * (n != 1)} that ran again kept all figures {sure}"
+        said.append(f"Against {found.older}, {kept}.")
+    if n := len(found.taken):
+        said.append(f"Rows of {n} other method{'s' * (n != 1)} are those of {found.older}.")
     for name, what in found.changed.items():
         reason = why.get(name, "why is not said")
         said.append(f"Against {found.older}, {name} changed ({what}): {reason.rstrip('.')}.")
@@ -175,11 +186,15 @@ def in_words(found: Changes, why: Mapping[str, str]) -> list[str]:
     return said
 
 
-def _machine(run: Run, scenario: str, name: str) -> Any:
+def _run(origin: manifest.Manifest) -> Any:
+    """What tells runs apart: no two of them begin in the same second with the same command."""
+    return origin["started"], origin["command_line"], origin["git_commit"]
+
+
+def _machine(origin: manifest.Manifest) -> Any:
     """What decides the last bits of a cell's figures: the processor and the libraries."""
-    told = manifest.origin(run.manifest, name, scenario)
-    versions = {k: v for k, v in told["versions"].items() if k != "eitbench"}
-    return told["machine"].get("cpu"), versions
+    versions = {k: v for k, v in origin["versions"].items() if k != "eitbench"}
+    return origin["machine"].get("cpu"), versions
 
 
 def _by_method(run: Run, scenario: str) -> dict[str, pd.DataFrame]:

@@ -64,6 +64,8 @@ def write_submission(run: Path, out: Path, *, jobs: int = 1) -> Written:
         )
     if out.exists():
         raise InputError(f"{out} is there already: name a new folder with --out.")
+    if out.name == manifest.read(run)["plan"]["suite"]["name"]:
+        raise InputError(f"{out.name!r} is the name of the suite: give the folder another one.")
     if (run / STATEMENT).is_file():
         raise InputError(f"{run} is a submission already.")
     problems = [of.problem for of in check_submission(open_submission(run, jobs=jobs))]

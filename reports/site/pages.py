@@ -234,8 +234,8 @@ def hidden_table(suite: SuitePart) -> Table | None:
 
 def hidden_keys(edition: Edition) -> str:
     """Say which hidden sets of a version have a secret key, and which one that is published."""
-    published = sorted({of.suite for of in edition.keys if of.retired})
-    secret = sorted({of.suite for of in edition.keys} - set(published))
+    secret = sorted({of.suite for of in edition.keys if not of.retired})
+    published = sorted({of.suite for of in edition.keys} - set(secret))
     sentences = []
     if secret:
         sentences.append(f"The key of {', '.join(secret)} is secret.")

@@ -63,7 +63,8 @@ def test_methods_that_are_added_are_run_alone(
     again = ["board", "quick", "--runs", str(tmp_path / "more"), "--records", records]
     again += ["--version", "2099.1", "--methods", "greit"]
     result = CliRunner().invoke(app, again, catch_exceptions=False)
-    assert "1 method kept all figures to the last bit" in result.output
+    assert "Rows of 1 other method are those of" in result.output
+    assert "kept all figures" not in result.output
     other = [*again[:-1], "noser", "--version", "2099.2"]
     with pytest.raises(InputError, match="holds a run of greit on n: name another folder for --r"):
         CliRunner().invoke(app, other, catch_exceptions=False)
@@ -71,6 +72,12 @@ def test_methods_that_are_added_are_run_alone(
         CliRunner().invoke(
             app, [*again[:-1], "tikhonov", "--version", "2099.2"], catch_exceptions=False
         )
+    # A finished run by other code is not the record of this one.
+    monkeypatch.setattr(manifest, "git_commit", lambda: "b" * 40)
+    with pytest.raises(
+        InputError, match=r"holds a run by commit a{40},.* name another folder for --"
+    ):
+        CliRunner().invoke(app, [*again[:-3], "2099.2", *again[-2:]], catch_exceptions=False)
     assert set(read_run(tmp_path / "more" / "quick").cells["method"]) == {"greit"}
     grown = read_run(tmp_path / "first" / "board" / "2099.1" / "quick")
     assert list(grown.cells["method"]) == ["noser", "greit"]

@@ -455,6 +455,17 @@ def test_a_folder_that_the_workflow_refuses_is_not_written(
     assert not list(tmp_path.iterdir())
 
 
+def test_a_submission_has_not_the_name_of_its_suite(run: Path, tmp_path: Path) -> None:
+    """The site shows both in one list."""
+    with pytest.raises(InputError, match="'mine' is the name of the suite"):
+        write_submission(run, tmp_path / "mine")
+    assert not list(tmp_path.iterdir())
+    folder = write_submission(run, tmp_path / "submissions" / "mine" / "other").folder
+    renamed = folder.rename(folder.with_name("mine"))
+    problems = [of.problem for of in check_submission(open_submission(renamed))]
+    assert "It has the name of its suite, 'mine': rename the folder." in problems
+
+
 def test_a_run_has_no_tier_and_a_record_was_run_by_us(run: Path, tmp_path: Path) -> None:
     assert not [note for note in notes(ranked_rows([run])) if "tier" in note]
     whole = start_run(make_plan(SUITE), tmp_path / "run").path

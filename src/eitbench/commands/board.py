@@ -83,12 +83,19 @@ def board(
     _check_remade(plan.names)
     progress = RunProgress()
     if (run / manifest.FILE_NAME).is_file():
-        held = manifest.read(run)["plan"]
+        content = manifest.read(run)
+        held = content["plan"]
         named, ran = held["names"], held["scenarios"]
         if (held["suite"]["name"], {*named}, {*ran}) != (suite, {*plan.names}, {*plan.scenarios}):
             raise InputError(
                 f"{run} holds a run of {', '.join(named)} on {', '.join(ran)}: name another folder "
                 "for --runs."
+            )
+        code = manifest.git_commit()
+        if other := [commit for commit in manifest.commits(content) if commit != code]:
+            raise InputError(
+                f"{run} holds a run by commit {other[0]}, and the code is that of {code}: go on "
+                "with that commit, or name another folder for --runs."
             )
         result = resume_run(
             run, suite=declared, jobs=jobs, calm_ms=calm_ms(records), progress=progress

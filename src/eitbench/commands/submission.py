@@ -1,5 +1,6 @@
 """Commands of submissions to the leaderboard."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -42,7 +43,9 @@ def make(
     if written.moved:
         typer.echo(f"Images stay as they are: rounding moves {written.moved}.")
     typer.echo(f"Submission: {out}, {written.size / 1e6:.1f} MB")
-    typer.echo(f"Fill in {out / STATEMENT}, then: eitbench submission check {out}")
+    typer.echo(
+        f"Fill in {out / STATEMENT}, then: eitbench submission check {shlex.quote(str(out))}"
+    )
 
 
 @app.command("check", epilog="Example: eitbench submission check submission --jobs 2")
@@ -62,7 +65,11 @@ def check(
     Nothing that it holds is run or unpickled, unless --rerun asks for its plugins to be run.
     """
     from eitbench.benchmark.submissions.check import check_submission
-    from eitbench.benchmark.submissions.rerun import LEAST_REPRODUCED, note_reproduced
+    from eitbench.benchmark.submissions.rerun import (
+        LEAST_REPRODUCED,
+        note_reproduced,
+        withdraw_reproduced,
+    )
     from eitbench.benchmark.submissions.rerun import rerun as run_again
     from eitbench.benchmark.submissions.statement import STATEMENT
     from eitbench.benchmark.submissions.submission import STATED, TRUST, open_submission
@@ -72,7 +79,10 @@ def check(
     checks = check_submission(submission)
     # A plugin is code of somebody else: it runs only where all that can be read is right.
     if rerun is not None and not any(check_of.problem for check_of in checks):
-        checks += run_again(submission, rerun, isolate=isolate)
+        again = run_again(submission, rerun, isolate=isolate)
+        if any(check_of.problem for check_of in again):
+            withdraw_reproduced(run)
+        checks += again
     for check_of in checks:
         print_check("failed" if check_of.problem else "passed", check_of.name, check_of.problem)
     if any(check_of.problem for check_of in checks):
@@ -86,7 +96,9 @@ def check(
         typer.echo(f"Tier: {'reproduced' if told else 'self-reported'}")
     else:
         typer.echo(f"Taken on trust: {'; '.join(STATED)}.")
-        if noted := note_reproduced(submission, rerun):
+        if not isolate:
+            typer.echo("Not noted: without --isolate a method may read images, and not make them.")
+        elif noted := note_reproduced(submission, rerun):
             typer.echo(f"Noted in {noted}")
         else:
             typer.echo(
@@ -96,7 +108,8 @@ def check(
     if (run / STATEMENT).is_file():
         typer.echo(f"{run} can be submitted.")
     else:
-        typer.echo(f"{run} can be submitted: `eitbench submission make {run} --out NAME`.")
+        make = f"eitbench submission make {shlex.quote(str(run))} --out NAME"
+        typer.echo(f"{run} can be submitted: `{make}`.")
 
 
 def _print_trust(submission: "Submission") -> None:

@@ -280,6 +280,15 @@ def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Pat
     submit = (front.parent / "submit.html").read_text()
     assert "The key of other is secret. The key of bench is published" in submit
     assert "nobody has seen" not in submit
+    keys = board.parent / "hidden.toml"
+    before = keys.read_text()
+    publish(board, {"bench": bytes([3]) * 32})  # a new one
+    keys.write_text(f"{before}\n{keys.read_text()}")
+    note_version(board)
+    (front, *_) = write_site(board.parent, tmp_path / "site")
+    submit = (front.parent / "submit.html").read_text()
+    assert "The key of bench, other is secret." in submit
+    assert "is published" not in submit
 
 
 def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
