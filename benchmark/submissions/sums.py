@@ -44,7 +44,9 @@ def check_sums(version: Path) -> None:
         DataCorruptError: a file has changed, is gone, or was added.
     """
     noted = {path.partition("/")[0] for path in _noted(version)}
-    there = {path.name for path in version.iterdir() if path.is_dir() and path.name != FOLDER}
+    # A stopped command may have left a folder, whose name begins with a dot.
+    folders = [path.name for path in version.iterdir() if path.is_dir()]
+    there = {name for name in folders if name != FOLDER and not name.startswith(".")}
     for name in sorted(noted | there):
         _check(version / name)
 

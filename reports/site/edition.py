@@ -18,7 +18,7 @@ from eitbench.benchmark.submissions.hidden import PublishedKey, published_keys
 from eitbench.benchmark.submissions.statement import read_statement
 from eitbench.benchmark.submissions.submission import FOLDER as SUBMISSIONS
 from eitbench.benchmark.submissions.sums import check_sums
-from eitbench.benchmark.submissions.tiers import is_ranked, is_submission
+from eitbench.benchmark.submissions.tiers import board_of, is_ranked, is_submission
 from eitbench.reports.board.changes import (
     VERSION,
     changes,
@@ -94,6 +94,17 @@ class SuitePart:
     def _declared(self) -> Mapping[str, Any]:
         found: Mapping[str, Any] = self.runs[0].manifest["plan"]["suite"]
         return found
+
+    @property
+    def version(self) -> str:
+        """The version of the leaderboard that its runs are of; "" for runs of a folder."""
+        board = board_of(self.runs[0].path)
+        return board.name if board and VERSION.fullmatch(board.name) else ""
+
+    @property
+    def date(self) -> str:
+        """The day on which the newest of its figures were made."""
+        return max(date for run in self.runs for date, _, _ in origins(run))
 
     @property
     def changed(self) -> list[str]:
@@ -219,6 +230,22 @@ def _names(parts: Iterable[SuitePart]) -> list[str]:
     })  # fmt: skip
 
 
+def origins(run: Run) -> list[tuple[str, str, str]]:
+    """Day, commit and processor of what made the cells of a run, each once, the oldest first.
+
+    A record may have rows of several runs, and a run may have been resumed.
+    """
+    keys = run.cells[[run.kind.name, "scenario"]].itertuples(index=False, name=None)
+    found = set[tuple[str, str, str]]()
+    for name, scenario in keys:
+        made = manifest.origin(run.manifest, name, scenario)
+        cpu = str(made["machine"].get("cpu") or "")
+        days = [made["started"], *(of["time"] for of in made.get("resumed", []))]
+        commits = [made["git_commit"], *(of["git_commit"] for of in made.get("resumed", []))]
+        found.update((str(d)[:10], str(c or ""), cpu) for d, c in zip(days, commits, strict=True))
+    return sorted(found)
+
+
 def name_of(row: Row) -> str:
     """The method or operator of a row."""
     return str(row.get("operator") or row["method"])
@@ -232,25 +259,49 @@ def method_file(name: str) -> str:
 def editions(folder: Path) -> list[Edition]:
     """Read the versions in a folder of records, the newest first, or the runs of a folder.
 
+    A suite that a version lacks stands in it as in the one before.
+
     Raises:
         InputError: there is no run directory.
         DataCorruptError: a record of a version cannot be read; other runs are left out.
     """
-    versions = [path for path in folder.glob("2*") if VERSION.fullmatch(path.name)]
-    versions.sort(key=lambda path: version_key(path.name), reverse=True)
-    if versions:
-        return [_edition(path, path.name) for path in versions]
-    return [_edition(folder, "")]
+    versions = [
+        path for path in folder.glob("2*") if VERSION.fullmatch(path.name) and _runs_in(path)
+    ]
+    if not versions:
+        return [_edition(folder, "")]
+    found: list[Edition] = []
+    for path in sorted(versions, key=lambda path: version_key(path.name)):
+        edition = _edition(path, path.name)
+        found.insert(0, _filled(edition, found[0]) if found else edition)
+    return found
+
+
+def _filled(edition: Edition, older: Edition) -> Edition:
+    """An edition with the suites that only the one before it has."""
+    own = {suite.name for suite in edition.suites}
+    more = [suite for suite in older.suites if suite.name not in own]
+    keys = [key for key in older.keys if key.suite not in own]
+    suites = sorted([*edition.suites, *more], key=lambda suite: suite.name)
+    return replace(edition, suites=suites, keys=[*edition.keys, *keys])
+
+
+def _runs_in(folder: Path) -> list[Path]:
+    """Records or runs of a folder, then submissions, by name."""
+    below = ("*", f"{SUBMISSIONS}/*/*")
+    found = [
+        path.parent
+        for where in below
+        for path in folder.glob(f"{where}/{manifest.FILE_NAME}")
+        if not path.parent.name.startswith(".")  # what a stopped command left
+    ]
+    return sorted(found, key=lambda path: (is_submission(path), path))
 
 
 def _edition(folder: Path, version: str) -> Edition:
     if version:
         check_sums(folder)
-    below = ("*", f"{SUBMISSIONS}/*/*")  # records or runs, and submissions
-    found = [
-        path.parent for where in below for path in folder.glob(f"{where}/{manifest.FILE_NAME}")
-    ]
-    paths = sorted(found, key=lambda path: (is_submission(path), path))  # records come first
+    paths = _runs_in(folder)
     if not paths:
         raise InputError(
             f"There is no run directory in {folder}: name the folder that holds them, not one of "

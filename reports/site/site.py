@@ -7,14 +7,19 @@ elsewhere.
 
 from __future__ import annotations
 
+import html
 import json
 import shutil
-from collections.abc import Iterator, Mapping
+import urllib.parse
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pydantic import TypeAdapter
+
 from eitbench import __version__
-from eitbench.benchmark import InputError, atomic_write, writing
+from eitbench.benchmark import InputError, atomic_write, atomic_write_json, writing
 from eitbench.benchmark.analysis.catalogue import about_method, about_recording, packaged_suites
 from eitbench.benchmark.analysis.results import NOTES_FILE, Run, plugin_copies
 from eitbench.benchmark.rundir import manifest
@@ -29,7 +34,7 @@ from eitbench.reports.page.rendering import asset, render
 from eitbench.reports.page.report import check_own_folder, to_page
 from eitbench.reports.site import images
 from eitbench.reports.site.croissant import LICENCE, recording_card, suite_card
-from eitbench.reports.site.edition import Edition, SuitePart, editions, method_file
+from eitbench.reports.site.edition import Edition, SuitePart, editions, method_file, origins
 from eitbench.reports.site.pages import (
     MOST_TABLES,
     answers,
@@ -61,6 +66,9 @@ if TYPE_CHECKING:
     from eitbench.benchmark.analysis.catalogue import Recording
 
 ARCHIVE = "archive"
+FILES = ".files.json"
+"""Names of all files of a site, by which the next one in its place deletes those that went."""
+_NAMES = TypeAdapter(list[str])
 _DOCUMENTATION = "docs/index.html"
 _TRUTHS = {
     "position": "the place of each press",
@@ -73,8 +81,9 @@ def write_site(folder: Path, out: Path) -> list[Path]:
     """Write the site of the records, or of the run directories, in `folder` into `out`.
 
     `folder` holds versions of the leaderboard, see `reports.board`, or runs. The newest version is
-    at the top, those before it under `archive/`. Runs and submissions that cannot be read are left
-    out, with a sentence on the front page.
+    at the top, those before it under `archive/`; there, the newest one has pages that lead to its
+    own, so that addresses with a version last. Files of an earlier site in `out` go. Runs and
+    submissions that cannot be read are left out, with a sentence on the front page.
 
     Returns:
         The pages, the front page first.
@@ -91,30 +100,60 @@ def write_site(folder: Path, out: Path) -> list[Path]:
         raise InputError(f"{out} is a run directory: choose another folder for the site.")
     check_own_folder(out, besides=[Path(_DOCUMENTATION).parts[0]])
     found = editions(folder)
-    versions = [(of.version, f"{ARCHIVE}/{of.version}/" if k else "") for k, of in enumerate(found)]
-    written = []
+    versions = [edition.version for edition in found]
+    written, files = [], list[str]()
     with writing(f"the site into {out}"):
-        for edition, (_, place) in zip(found, versions, strict=True):
+        for k, edition in enumerate(found):
+            place = f"{ARCHIVE}/{edition.version}/" if k else ""
             site = _Site(edition, out, place, versions)
             for name, content in site.files():
-                path = out / place / name
-                atomic_write(path, content)
-                if path.suffix == ".html":
-                    written.append(path)
-            site.copy_records()
+                atomic_write(out / place / name, content)
+                files.append(f"{place}{name}")
+                if not name.endswith(".html"):
+                    continue
+                written.append(out / place / name)
+                if edition.version and not place:
+                    stub = f"{ARCHIVE}/{edition.version}/{name}"
+                    atomic_write(out / stub, _forwarding(name, stub.count("/")))
+                    files.append(stub)
+            files += [f"{place}{name}" for name in site.copy_records()]
+        _clear(out, files)
     return written
+
+
+def _forwarding(name: str, depth: int) -> bytes:
+    """A page at the lasting address of a page `name` of the newest version, which leads to it.
+
+    Once there is a newer version, the page itself stands there.
+    """
+    to = html.escape("../" * depth + urllib.parse.quote(name))
+    return (
+        '<!doctype html><html lang="en"><meta charset="utf-8"><title>Newest version – eitbench'
+        f'</title><meta http-equiv="refresh" content="0; url={to}"><a href="{to}">The page</a>\n'
+    ).encode()
+
+
+def _clear(out: Path, files: Iterable[str]) -> None:
+    """Delete what an earlier build wrote into `out` and this one did not, and note its `files`."""
+    note, now = out / FILES, {*files}
+    with suppress(OSError, ValueError):  # the first build, or a damaged note
+        gone = {*_NAMES.validate_json(note.read_bytes())} - now
+        for path in (Path(name) for name in gone if ".." not in name and name[:1] != "/"):
+            (out / path).unlink(missing_ok=True)
+            with suppress(OSError):  # one is not empty
+                for folder in path.parents[:-1]:
+                    (out / folder).rmdir()
+    atomic_write_json(note, sorted(now))
 
 
 class _Site:
     """The pages of one edition; `place` is its way from the front of the newest one."""
 
-    def __init__(
-        self, edition: Edition, out: Path, place: str, versions: list[tuple[str, str]]
-    ) -> None:
+    def __init__(self, edition: Edition, out: Path, place: str, versions: Sequence[str]) -> None:
         self.edition, self.out, self.place, self.versions = edition, out, place, versions
-        top = "../" * place.count("/")
-        self._newest = f"{top}index.html" if place else ""
-        self._docs = top + _DOCUMENTATION if (out / _DOCUMENTATION).is_file() else ""
+        self._top = "../" * place.count("/")
+        self._newest = f"{self._top}index.html" if place else ""
+        self._docs = self._top + _DOCUMENTATION if (out / _DOCUMENTATION).is_file() else ""
         self._strips: dict[str, bytes] = {}
 
     def files(self) -> Iterator[tuple[str, bytes]]:
@@ -122,7 +161,8 @@ class _Site:
         edition = self.edition
         yield "index.html", self._front()
         title = "How to submit a run"
-        yield "submit.html", self._page("submit", title, home="", keys=hidden_keys(edition))
+        keys, newest = hidden_keys(edition), self.versions[0]
+        yield "submit.html", self._page("submit", title, home="", keys=keys, newest_version=newest)
         for suite in edition.suites:
             yield suite.file, self._suite(suite)
             found = findings(list(suite.runs))
@@ -138,14 +178,20 @@ class _Site:
         # Pages name their pictures, so that these are known when all pages are made.
         yield from self._strips.items()
 
-    def copy_records(self) -> None:
-        """Copy manifests and tables of runs, which the pages of suites link to."""
+    def copy_records(self) -> Iterator[str]:
+        """Copy manifests and tables of runs, which pages of suites link to; yield their names."""
         for part in self.edition.parts:
             for run in part.runs:
-                folder = self.out / self.place / _folder(part, run)
-                folder.mkdir(parents=True, exist_ok=True)
+                folder = _folder(part, run)
+                (self.out / self.place / folder).mkdir(parents=True, exist_ok=True)
                 for name, shown in _kept(run).items():
-                    shutil.copyfile(run.path / name, folder / shown)
+                    copy = f"{folder}/{shown}"
+                    shutil.copyfile(run.path / name, self.out / self.place / copy)
+                    yield copy
+
+    def _older(self, suite: SuitePart) -> str:
+        """What tells that a suite stands in this version as it was in an older one."""
+        return f", from version {suite.version}" if suite.version != self.edition.version else ""
 
     def recordings(self) -> dict[str, Recording]:
         """The public recorded sets of all suites, by name."""
@@ -188,12 +234,11 @@ class _Site:
                 "name": suite.name,
                 "file": suite.file,
                 "title": suite.title,
-                "size": _size(suite),
+                "size": _size(suite) + self._older(suite),
                 "answers": brief_answers(suite),
             }
             for suite in edition.suites
         ]
-        top = "../" * self.place.count("/")
         return self._page(
             "front",
             "Leaderboard",
@@ -204,7 +249,9 @@ class _Site:
             suites=suites,
             methods=[(printable(name), _quoted(method_file(name))) for name in edition.methods],
             recordings=[(name, _recording_file(name)) for name in self.recordings()],
-            versions=[(name, f"{top}{place}index.html") for name, place in self.versions],
+            versions=[
+                (name, f"{self._top}{ARCHIVE}/{name}/index.html") for name in self.versions if name
+            ],
             left_out=edition.left_out,
         )
 
@@ -212,14 +259,16 @@ class _Site:
         boards = suite.report["boards"]
         few = len(boards) <= MOST_TABLES
         runs = []
-        for run, origin in (
-            of for part in suite.parts for of in zip(part.runs, part.report["runs"], strict=True)
-        ):
+        for run in (run for part in suite.parts for run in part.runs):
+            days, commits, processors = (
+                dict.fromkeys(of) for of in zip(*origins(run), strict=True)
+            )
+            code = ", ".join(commit[:10] for commit in commits if commit)
             about = [
-                origin["started"][:10],
-                f"eitbench {origin['versions'].get('eitbench', '')}".strip(),
-                f"commit {origin['git_commit']}"[:17] if origin["git_commit"] else "",
-                str(origin["machine"].get("cpu") or ""),
+                " to ".join(dict.fromkeys([min(days), max(days)])),
+                f"eitbench {run.manifest['versions'].get('eitbench', '')}".strip(),
+                f"commit{'s' * (len(commits) > 1)} {code}" if code else "",
+                *filter(None, processors),
                 run_tier(run),
             ]
             runs.append(
@@ -237,6 +286,7 @@ class _Site:
             here=suite.name,
             suite=suite,
             answers=answers(suite),
+            older=self._older(suite),
             report=_quoted(f"../{suite.report_file}"),
             above=[of for of in (summary_table(suite), matrix_table(suite)) if of],
             boards=[
@@ -259,14 +309,14 @@ class _Site:
         return f"{_folder(suite, suite.runs[0])}/croissant.json"
 
     def _suite_card(self, suite: SuitePart) -> dict[str, Any]:
-        run, date = suite.runs[0], _date(suite)
+        run = suite.runs[0]
         table = run.path / SAMPLES
         return suite_card(
             suite.name,
             suite.title,
             suite.description,
-            self.edition.version,
-            date,
+            suite.version,
+            suite.date,
             table,
             run.samples,
         )
@@ -370,11 +420,7 @@ def _size(suite: SuitePart) -> str:
     rows = {row["label"] for board in boards for row in board["views"][0]["rows"]}
     scenarios = "1 scenario" if len(boards) == 1 else f"{len(boards)} scenarios"
     frames = sum(board["n"] for board in boards)
-    return f"{scenarios}, {len(rows)} methods, {frames:,} frames, run on {_date(suite)}"
-
-
-def _date(suite: SuitePart) -> str:
-    return str(suite.report["runs"][0]["started"] or "")[:10]
+    return f"{scenarios}, {len(rows)} methods, {frames:,} frames, run until {suite.date}"
 
 
 def _json(value: Mapping[str, Any]) -> bytes:

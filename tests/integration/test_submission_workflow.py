@@ -135,9 +135,12 @@ def without_a_record(theirs: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (to_a_version_of_its_own, "goes to the newest version, reports/board/2026.1"),
+        (
+            to_a_version_of_its_own,
+            "newest version with a record of its suite, reports/board/2026.1",
+        ),
         (to_an_older_version, "goes to the newest version"),
-        (without_a_record, "to a suite that has a record there"),
+        (without_a_record, "No suite shapes has a record on the leaderboard"),
         (with_code, "changes nothing else"),
         (with_verdict, "changes nothing else"),
         (two, "changes nothing else"),

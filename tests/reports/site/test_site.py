@@ -197,6 +197,57 @@ def test_an_older_version_stands_beside_the_newest(
     front = (older / "index.html").read_text()
     assert 'href="../../index.html"' in front
     assert 'href="../../archive/2026.9/index.html"' in front
+    # The lasting address of the newest version leads to it, until it stands there itself.
+    lasting = out / "archive" / "2026.10" / "suites" / "bench.html"
+    (to,) = re.findall(r'content="0; url=([^"]*)"', lasting.read_text())
+    assert (lasting.parent / to).resolve() == out / "suites" / "bench.html"
+
+
+def test_a_version_has_the_suites_of_the_one_before_that_it_lacks(
+    build: Any, dataset_of: Any, tmp_path: Path
+) -> None:
+    build.add_scaled(dataset_of("conductivity", 12), {"good": 0.9, "poor": 0.2})
+    run, records = build.write(), tmp_path / "records"
+    for name in ("2026.1/bench", "2026.1/other", "2026.2/other"):
+        shutil.copytree(run, records / name)
+        with edited_manifest(records / name) as content:
+            content["plan"]["suite"]["name"] = Path(name).name
+    for version in ("2026.1", "2026.2"):
+        note_version(records / version)
+    # What stopped commands leave: half a record, and a version without one.
+    shutil.copytree(run, records / "2026.2" / ".bench.part")
+    (records / "2026.3").mkdir()
+    out = tmp_path / "site"
+    (front, *_) = write_site(records, out)
+    text = front.read_text()
+    assert "<title>Leaderboard – eitbench 2026.2</title>" in text
+    assert re.findall(r"run until [0-9-]+(, from version 2026.1)?", text) == [
+        ", from version 2026.1", "",
+    ]  # fmt: skip
+    assert ", from version 2026.1" in (out / "suites" / "bench.html").read_text()
+    assert ", from version" not in (out / "suites" / "other.html").read_text()
+
+
+def test_a_site_in_the_place_of_another_one_has_no_pages_of_it(
+    build: Any, dataset_of: Any, tmp_path: Path
+) -> None:
+    build.add_scaled(dataset_of("conductivity", 12), {"good": 0.9, "poor": 0.2})
+    run, runs, out = build.write(), tmp_path / "runs", tmp_path / "site"
+    for name in ("one", "two"):
+        shutil.copytree(run, runs / name)
+    write_site(runs, out)
+    (out / "CNAME").write_text("example.org")  # a host's own file
+    assert list((out / "records" / "bench").iterdir())
+    pages = {path.relative_to(out) for path in out.rglob("*.html")}
+    shutil.rmtree(runs / "two")
+    with edited_manifest(runs / "one") as content:
+        content["plan"]["suite"]["name"] = "else"
+    write_site(runs, out)
+    assert not (out / "records" / "bench").exists()
+    assert (out / "records" / "else").is_dir()
+    assert (out / "CNAME").is_file()
+    left = pages - {path.relative_to(out) for path in out.rglob("*.html")}
+    assert left == {Path("suites/bench.html"), Path("reports/bench/index.html")}
 
 
 def test_times_of_several_machines_are_shown_in_calibration_solves(runs: Path) -> None:
@@ -436,7 +487,7 @@ def test_a_record_that_is_not_as_it_was_noted_is_not_shown(
     board: Path, tmp_path: Path, name: str, change: Callable[[Path], object], said: str
 ) -> None:
     change(board / "bench" / name)
-    with pytest.raises(DataCorruptError, match=f"{said}.* Take the version from git again"):
+    with pytest.raises(DataCorruptError, match=f"{said}.*: published records are never edited"):
         write_site(board.parent, tmp_path / "site")
     assert not (tmp_path / "site").exists()
 
