@@ -7,9 +7,9 @@ _OUT = STUDIES / "installation"
 _BRINGS = {
     "": "classical methods, metrics, runs, boards, recordings, figures",
     "learned": "networks, forward operators, training (PyTorch)",
-    "tune": "`eitbench tune` (Optuna)",
-    "report": "`eitbench report` and sites (Jinja, Plotly)",
-    "live": "boards and the live view (pySerial, Starlette)",
+    "tune": "`eitbench tune` and `choose` (Optuna)",
+    "report": "`eitbench report`, sites and `recordings doctor` (Jinja, Plotly)",
+    "live": "boards, the emulated one too, and the live view (pySerial, Starlette)",
     "cluster": "many machines (Dask)",
     "excel": "Excel files in `recordings import`",
     "all": "all of these",

@@ -3,27 +3,13 @@
 from functools import cache
 
 import pandas as pd
-from docs.tables.record import SCENARIOS, STUDIES, printed, record, recorded
+from docs.tables.record import STUDIES, printed, record, recorded
 
 from eitbench.benchmark.findings.acuity import AcuityResult, acuity_of
 from eitbench.benchmark.findings.acuity_specs import Table
 from eitbench.reports.findings.acuity import grid
 from eitbench.reports.studies.priors import priors_table
 from eitbench.reports.tables.published import TABLE_I
-
-
-def _generators(*generators: int, form: str) -> str:
-    """Return the PSNR on each scenario, of one generator of the data or of several in turn."""
-    stored = pd.read_csv(STUDIES / "generator" / "generators.csv")
-    psnr = stored.set_index(["generator", "scenario", "method"])["psnr"]
-    rows = [
-        [
-            f"`{method}`",
-            *(" → ".join(format(psnr[g, s, method], form) for g in generators) for s in SCENARIOS),
-        ]
-        for method in stored["method"].unique()
-    ]
-    return printed(["PSNR [dB]", *SCENARIOS.values()], rows)
 
 
 @cache
@@ -84,7 +70,6 @@ def _peers() -> str:
 
 
 TABLES = {
-    "generators": lambda: _generators(1, 2, form=".2f"),
     "priors": lambda: priors_table(pd.read_csv(STUDIES / "priors" / "priors.csv")),
     "acuity": lambda: _acuity("acuity"),
     "acuity merit": lambda: _acuity("greit"),

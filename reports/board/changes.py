@@ -78,23 +78,24 @@ def changes(older: Path, newer: Path) -> Changes:
         tables = [_by_method(run, scenario) for run in (before, after)]
         for method in tables[0].keys() & tables[1].keys():
             origins = [manifest.origin(run.manifest, method, scenario) for run in (before, after)]
-            if _run(origins[0]) == _run(origins[1]):
-                taken.add(method)
-                continue
             one, other = (rounded(table[method][figures].to_numpy(float)) for table in tables)
-            differing.setdefault(method, [])
+            says = []
             alike.append(exact := _machine(origins[0]) == _machine(origins[1]))
             allowed = 0.0 if exact else SAME
             if one.shape != other.shape:
-                differing[method].append(f"{len(one)} samples became {len(other)} ({scenario})")
+                says.append(f"{len(one)} samples became {len(other)} ({scenario})")
             else:
                 equal = np.isclose(one, other, rtol=allowed, atol=allowed, equal_nan=True)
                 if n := int((~equal.all(axis=1)).sum()):
-                    differing[method].append(f"{n} of {len(one)} samples of {scenario}")
+                    says.append(f"{n} of {len(one)} samples of {scenario}")
                 elif exact and (
                     unlike := _unlike(*(of.get((scenario, method), {}) for of in sums))
                 ):
-                    differing[method].append(f"the last bits of {unlike[0]} on {scenario}")
+                    says.append(f"the last bits of {unlike[0]} on {scenario}")
+            if says or _run(origins[0]) != _run(origins[1]):
+                differing.setdefault(method, []).extend(says)
+            else:
+                taken.add(method)
     return Changes(
         older=older.parent.name,
         exact=all(alike),

@@ -103,7 +103,6 @@ def test_every_drawing_of_a_record_is_on_a_page() -> None:
 
 def test_runs_behind_the_tables_are_as_large_as_pages_say() -> None:
     for name, n in (
-        ("generator/generators", 120),
         ("priors/priors", 120),
         ("traps/traps", 120),
         ("peers/quick", 36),
