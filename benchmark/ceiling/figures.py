@@ -217,7 +217,9 @@ def summary(frames: pd.DataFrame) -> pd.DataFrame:
     `exact_psnr` [dB] as `psnr_of_mse` of these frames alone; `worst`, the share of the squared
     error that one frame has; `within_50`, `within_80` and `within_95`, the share of true traces
     within central intervals of the posterior; `uniform_p`, the least p-value of Kolmogorov and
-    Smirnov's test that the ranks of a trace are uniform, times the number of traces.
+    Smirnov's test that the ranks of a trace are uniform, times the number of traces; `width_p`, the
+    same of the distances of ranks from the middle, which tells draws that are too sure or too wide
+    from right ones with fewer frames.
     """
     return pd.DataFrame(
         [_summary(str(name), of) for name, of in frames.groupby("scenario", sort=False)]
@@ -228,7 +230,10 @@ def _summary(scenario: str, of: pd.DataFrame) -> dict[str, object]:
     errors = of[["mse", *(f"mse_{k}" for k in PROPOSALS)]].to_numpy()
     whole, apart = bootstrap(errors, of["cluster"], _decibels)
     ranks = of[[f"rank_{name}" for name in TRACES]].to_numpy()
-    tests = [stats.kstest(column, "uniform").pvalue for column in ranks.T]
+    off, wide = (
+        min(1.0, len(TRACES) * min(stats.kstest(of, "uniform").pvalue for of in columns))
+        for columns in (ranks.T, np.abs(2 * ranks - 1).T)
+    )
     return {
         "scenario": scenario,
         "snr_db": float(of["snr_db"].iloc[0]),
@@ -245,7 +250,8 @@ def _summary(scenario: str, of: pd.DataFrame) -> dict[str, object]:
         "exact_psnr": psnr_of_mean(of["mse"][exactly_weighted(of)]),
         "worst": float(of["mse"].max() / of["mse"].sum()),
         **{f"within_{level}": traces_held(of, level) for level in (50, 80, 95)},
-        "uniform_p": min(1.0, len(TRACES) * min(tests)),
+        "uniform_p": off,
+        "width_p": wide,
     }
 
 

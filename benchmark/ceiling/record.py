@@ -100,6 +100,16 @@ def traces_held(frames: pd.DataFrame, level: int) -> float:
     return float((np.abs(ranks - 0.5) <= level / 200).mean())
 
 
+def traces_held_between(frames: pd.DataFrame, level: int) -> Interval | None:
+    """`traces_held` with its interval over clusters; None where there are few of these."""
+    clusters = frames["cluster"].to_numpy()
+    if len(np.unique(clusters)) < MIN_CLUSTERS:
+        return None
+    ranks = frames.filter(regex="^rank_").to_numpy(np.float64)
+    held = (np.abs(ranks - 0.5) <= level / 200).mean(axis=1)
+    return bootstrap(held[:, None], clusters)[0]
+
+
 def decibels(counts: Array, errors: Array) -> Array:
     """How far the mean of the first of `errors` (n, 2) is above that of the second [dB].
 

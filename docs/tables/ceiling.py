@@ -8,7 +8,9 @@ from docs.tables.record import STUDIES, printed
 
 from eitbench.benchmark.ceiling.drawing import known_of, told
 from eitbench.benchmark.ceiling.figures import AGREED, summary
-from eitbench.benchmark.ceiling.record import recorded_frames, traces_held
+from eitbench.benchmark.ceiling.record import decibels, recorded_frames, traces_held
+from eitbench.benchmark.metrics.statistics import bootstrap
+from eitbench.scenarios.suites.scenario import TOUCHES
 from eitbench.scenarios.suites.suite import load_suite
 
 _SENSOR_OFFSET = 3
@@ -27,7 +29,8 @@ _CHECKS = {
     "agreed_psnr": ("of these [dB]", ".2f"), "exact": ("exact weights", ".0%"),
     "exact_psnr": ("of these [dB]", ".2f"), "worst": ("worst frame", ".0%"),
     "within_50": ("in 50 %", ".0%"), "within_80": ("in 80 %", ".0%"),
-    "within_95": ("in 95 %", ".0%"), "uniform_p": ("p of uniform ranks", ".2g"),
+    "within_95": ("in 95 %", ".0%"), "uniform_p": ("p of ranks", ".2g"),
+    "width_p": ("p of widths", ".2g"),
 }  # fmt: skip
 
 
@@ -62,8 +65,14 @@ def _below(suite: str) -> str:
         for row in stored.to_dict("records")
     }
     first = stored[stored["scenario"] == scenarios[-1]].sort_values("below_db")
+    counts = first.set_index("method")["frames"]
+
+    def name(method: str) -> str:
+        n = int(counts[method])
+        return f"`{method}`" if n == counts.max() else f"`{method}`, {n} frames"
+
     rows = [
-        [f"`{method}`", *(cells.get((method, scenario), "–") for scenario in scenarios)]
+        [name(method), *(cells.get((method, scenario), "–") for scenario in scenarios)]
         for method in first["method"]
     ]
     heads = [name.removeprefix("noise-").replace("db", " dB") for name in scenarios]
@@ -119,6 +128,21 @@ def _versions() -> str:
     return printed(["frames by version", *map(str, counts.columns)], rows)
 
 
+def _rungs() -> str:
+    """What each rung leaves to a sampler that knows it, beside the ideal sensor, frame by frame."""
+    errors = frames("sim2real").pivot_table("mse", "sample", "scenario", sort=False)
+    (ideal,) = (name for name in errors if name.startswith("sim2real-ideal"))
+    snr_db = frames("sim2real").groupby("scenario")["snr_db"].first()
+    rows = []
+    for name in errors.columns[snr_db[errors.columns] == snr_db[ideal]].drop(ideal):
+        both = errors[[ideal, name]].dropna()
+        found = bootstrap(both.to_numpy(), both.index // TOUCHES, decibels)[0]
+        told = _level("sim2real", {"scenario": name, "snr_db": snr_db[name]})
+        rows.append([told, str(len(both)), *(f"{value:+.1f}" for value in found)])
+    heads = ["", "frames", "above the ideal sensor [dB]", "95 %: from", "to"]
+    return printed(heads, rows)
+
+
 def _offsets(same: str) -> str:
     """Patterns (i, i + k) by the ceiling, beside k = 3 on the same frames.
 
@@ -133,13 +157,13 @@ def _offsets(same: str) -> str:
         both = errors[[offset, _SENSOR_OFFSET]].dropna()
         own, known = -10 * np.log10(both.to_numpy().mean(axis=0))
         gain = "" if offset == _SENSOR_OFFSET else f"{own - known:+.2f}"
-        snr_db = signal[offset].median()
-        rows.append(
-            [f"{offset}", str(len(both)), f"{own:.2f}", f"{known:.2f}", gain, f"{snr_db:.1f}"]
-        )
+        rows.append([
+            f"{offset}", str(len(both)), f"{own:.2f}", f"{known:.2f}", gain,
+            *(f"{signal[of].loc[both.index].median():.1f}" for of in (offset, _SENSOR_OFFSET)),
+        ])  # fmt: skip
     heads = [
         "offset", "frames", "PSNR of the mean error [dB]", "of 3 on these frames [dB]",
-        "difference [dB]", "median SNR of a touch [dB]",
+        "difference [dB]", "median SNR of a touch [dB]", "of 3 on these frames [dB]",
     ]  # fmt: skip
     return printed(heads, rows, [True] * len(heads))
 
@@ -152,6 +176,7 @@ TABLES = {
     "versions of the sampler": _versions,
     "below the ceiling": lambda: _below("noise"),
     "ceiling of rungs": lambda: _figures("sim2real", _COLUMNS),
+    "rungs beside the ideal sensor": _rungs,
     "ceiling checks of rungs": lambda: _figures("sim2real", _CHECKS),
     "ceiling of shapes": lambda: _figures("shapes", _COLUMNS),
     "ceiling checks of shapes": lambda: _figures("shapes", _CHECKS),

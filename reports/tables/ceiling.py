@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import pandas as pd
 
 from eitbench.benchmark.analysis.leaderboard import Row
-from eitbench.benchmark.ceiling.record import recorded_frames, traces_held
+from eitbench.benchmark.ceiling.record import recorded_frames, traces_held_between
 
-TOO_SURE = 0.9
-"""Share of the truths below which 95 % intervals are called too sure."""
+LEVEL = 95
+"""Of the intervals [%] by which draws are called too sure, where they hold fewer truths than that
+by more than chance."""
 
 
 def ceiling_rows(board: Sequence[Row]) -> list[Row]:
@@ -32,11 +33,11 @@ def ceiling_notes(board: Sequence[Row]) -> list[str]:
         "at least this, in mean squared error; for other figures it is a reference; methods are "
         "compared with it on the frames that both have"
     )
-    held = traces_held(_frames(board), 95)
-    if held < TOO_SURE:
+    held = traces_held_between(_frames(board), LEVEL)
+    if held and held.high < LEVEL / 100:
         said += (
-            f"; its draws are too sure: their 95 % intervals hold {held:.0%} of the true places, "
-            "strengths and areas"
+            f"; its draws are too sure: their {LEVEL} % intervals hold {held.value:.0%} "
+            f"({held.low:.0%} to {held.high:.0%}) of the true places, strengths and areas"
         )
     return [said]
 

@@ -24,6 +24,7 @@ from scipy import stats
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.ceiling.figures import TRACES
+from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.benchmark.findings.noise import noise_curves
 from eitbench.reports.figures.style import PAGE, STYLE, line_style, new_figure, save
 from eitbench.reports.findings.noise import draw
@@ -47,6 +48,7 @@ def write(paths: Sequence[Path]) -> None:
     names = ["scenario", "method"]
     rows = [
         {**{name: row[name] for name in names},
+         "frames": min(row["n"], len(recorded_frames(row["scenario"], row["data_hash"]))),
          **{end: row[f"below_ceiling_db{of}"]
             for end, of in (("below_db", ""), ("low", "_low"), ("high", "_high"))}}
         for run in runs

@@ -21,7 +21,7 @@ _HEADS = {
     "psnr": ("PSNR [dB]", ".2f"), "ssim": ("SSIM", ".3f"), "cc": ("CC", ".3f"),
     "rie": ("RIE", ".4f"), "localisation_mm": ("Place [mm]", ".2f"),
     "expected_psnr": ("Expected [dB]", ".2f"), "apart_db": ("Samplers apart [dB]", "+.2f"),
-    "agreed": ("R-hat < 1.01", ".0%"), "exact": ("Exact", ".0%"),
+    "agreed": ("R-hat agrees", ".0%"), "exact": ("Exact", ".0%"),
     "within_95": ("In 95 %", ".0%"),
 }  # fmt: skip
 

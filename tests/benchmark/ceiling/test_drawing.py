@@ -80,9 +80,14 @@ def test_runs_whose_frames_are_gone_leave_the_record(
 
 def test_boards_say_where_draws_are_too_sure(monkeypatch: pytest.MonkeyPatch) -> None:
     columns = ["psnr", "ssim", "cc", "rie", "localisation_mm"]
-    board = [{"scenario": "n", "data_hash": "h", "data_n": 4, "method": "noser"}]
-    for ranks, says in (([0.3, 0.5, 0.99, 0.6], "intervals hold 75% of"), ([0.5] * 4, "")):
-        frames = pd.DataFrame(dict.fromkeys(columns, 1.0) | {"rank_x": ranks, "sample": range(4)})
+    board = [{"scenario": "n", "data_hash": "h", "data_n": 200, "method": "noser"}]
+    # Of 200 frames, 14 outside of 95 % intervals are no more than chance may do; 22 are.
+    for out, says in ((22, "intervals hold 89% (84% to 93%) of the true"), (14, ""), (0, "")):
+        ranks = np.where(np.arange(200) < out, 0.99, 0.5)
+        frames = pd.DataFrame(
+            dict.fromkeys(columns, 1.0)
+            | {"rank_x": ranks, "sample": range(200), "cluster": range(200)}
+        )
         monkeypatch.setattr(ceiling, "recorded_frames", lambda *of, frames=frames: frames)
         (note_of,) = ceiling.ceiling_notes(board)
         assert ("too sure" in note_of, says in note_of) == (bool(says), True)

@@ -62,7 +62,9 @@ def test_the_squared_error_is_the_product_of_the_errors_of_two_samplers() -> Non
     assert data.conductivity is not None
     priors = priors_of(SCENARIO)
     drawn = {
-        name: Draws(np.zeros(2, int), priors[0].draw(2, np.random.default_rng(k)), weights, 1.0)
+        name: Draws(
+            np.zeros(2, int), priors[0].draw(2, np.random.default_rng(k)), weights, 0.4 + 0.5 * k
+        )
         for k, (name, weights) in enumerate(
             zip(PROPOSALS, np.array([[0.3, 0.7], [0.6, 0.4]]), strict=True)
         )
@@ -79,6 +81,22 @@ def test_the_squared_error_is_the_product_of_the_errors_of_two_samplers() -> Non
     assert row["mse_walk"] == pytest.approx(np.mean(first**2))
     assert row["mse_differences"] == pytest.approx(np.mean(second**2))
     np.testing.assert_allclose(mean, (alone[0] + alone[1]) / 2)
+    # The variance of all draws, by their weights, about the mean of both.
+    weights = np.concatenate([of.weights for of in drawn.values()]) / 2
+    painted = np.concatenate([images(families, of.families, of.vectors) for of in drawn.values()])
+    assert row["expected_mse"] == pytest.approx(
+        weights @ ((painted - mean) ** 2).mean(axis=(1, 2)), rel=1e-6
+    )
+    traced = traces(painted, data.sensor)
+    away = np.sqrt(weights @ (traced - weights @ traced) ** 2)
+    assert [row[f"sd_{name}"] for name in TRACES] == pytest.approx(away.tolist())
+    chains = [(traced[:2], drawn["walk"]), (traced[2:], drawn["differences"])]
+    of_traces = [
+        rhat([of[:, t] for of, _ in chains], [d.weights for _, d in chains])
+        for t in range(len(TRACES))
+    ]
+    assert row["rhat"] == max(of_traces) > 1.1 * min(of_traces)
+    assert row["effective"] == 0.4  # of the sampler that has less
 
 
 def frames(n: int, ranks: np.random.Generator, width: float) -> pd.DataFrame:
@@ -97,6 +115,17 @@ def test_a_calibrated_posterior_has_uniform_ranks_and_others_do_not() -> None:
     (wide,) = summary(frames(300, np.random.default_rng(1), 0.7)).to_dict("records")
     assert right["uniform_p"] > 0.01
     assert wide["uniform_p"] < 1e-4
+    assert right["width_p"] > 0.01
+    assert wide["width_p"] < 1e-4
+    # Draws of 0.8 times the right deviation, which ranks alone hardly tell.
+    rng, found = np.random.default_rng(5), []
+    for _ in range(10):
+        sure = frames(200, rng, 1.0)
+        for name in TRACES:
+            sure[f"rank_{name}"] = stats.norm.cdf(rng.standard_normal(200) / 0.8)
+        found += summary(sure).to_dict("records")
+    assert sum(of["width_p"] < 0.05 for of in found) >= 8
+    assert sum(of["uniform_p"] < 0.05 for of in found) <= 5
     ranks = frames(300, np.random.default_rng(1), 1.0)
     least = min(stats.kstest(ranks[f"rank_{name}"], "uniform").pvalue for name in TRACES)
     assert right["uniform_p"] == pytest.approx(min(1.0, 4 * least))  # one of four tests
@@ -109,3 +138,5 @@ def test_samplers_that_differ_are_said_to() -> None:
     assert row["apart_db"] == pytest.approx(-10 * np.log10(1.1))
     assert row["low"] < row["psnr_of_mse"] < row["high"]
     assert row["agreed"] == row["exact"] == 1
+    errors = frames(100, np.random.default_rng(2), 1.0)["mse"]
+    assert row["worst"] == pytest.approx(errors.max() / errors.sum())

@@ -41,6 +41,23 @@ def test_the_density_integrates_to_one(family: Family, number: int) -> None:
     assert density.mean() == pytest.approx(1, abs=4 * error)
 
 
+@pytest.mark.parametrize("name", ["three-contacts", "four-contacts"])
+def test_the_share_of_places_of_several_contacts_is_what_counting_says(name: str) -> None:
+    """Their density is too uneven for a mean of it; its factor 1 / Z is checked on its own."""
+    (prior,) = FamilyPrior.of(FAMILIES[name], SENSOR)
+    rng = np.random.default_rng(6)
+    parameters = prior.parameters
+    off = []
+    for vector in prior.draw(8, rng):
+        vectors = np.tile(vector, (20_000, 1))
+        parameters.parts(vectors)[..., :2] = rng.random((20_000, parameters.family.count, 2))
+        counted = prior.fitting(vectors).mean()
+        constant = math.log(parameters.copies) - np.log(parameters.span).sum()
+        off.append(constant - prior.log_density(vector[None])[0] - math.log(counted))
+    assert abs(np.mean(off)) < 0.05
+    assert np.abs(off).max() < 0.2
+
+
 def test_the_share_of_places_of_a_disc_is_what_geometry_says() -> None:
     """A disc of radius r fits into (1 - 2 r)^2 of a square of side 1."""
     (prior,) = FamilyPrior.of(FAMILIES["circle"], SENSOR)
