@@ -69,3 +69,12 @@ def test_ceiling_refuses_and_writes_nothing(
     assert isinstance(result.exception, InputError)
     assert why in str(result.exception)
     assert not out.exists()
+
+
+def test_a_file_in_the_place_of_the_folder_is_named(tmp_path: Path) -> None:
+    suite, out = tmp_path / "few.toml", tmp_path / "out"
+    suite.write_text(SUITE)
+    out.write_text("mine")
+    result = CliRunner().invoke(app, ["ceiling", str(suite), "--out", str(out)])
+    assert isinstance(result.exception, InputError)
+    assert "out is a file: name a folder with --out" in str(result.exception)

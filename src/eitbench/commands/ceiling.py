@@ -58,9 +58,11 @@ def ceiling(
     from eitbench.benchmark.ceiling.drawing import draw_posteriors, known_of
     from eitbench.benchmark.ceiling.figures import summary, write_record
     from eitbench.commands.tables import names_table
-    from eitbench.scenarios.errors import unknown_name
+    from eitbench.scenarios.errors import InputError, unknown_name
     from eitbench.scenarios.suites.suite import load_suite
 
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file: name a folder with --out.")
     found, chosen = load_suite(suite), names_in("--scenarios", scenarios)
     declared = {scenario.name: scenario for scenario in found.scenarios}
     if unknown := [name for name in chosen if name not in declared]:
