@@ -96,8 +96,7 @@ def curves_of(frames: pd.DataFrame) -> dict[str, list[Any]] | None:
 
 def traces_held(frames: pd.DataFrame, level: int) -> float:
     """Share of the true traces of recorded frames within central intervals of `level` [%]."""
-    ranks = frames.filter(regex="^rank_").to_numpy(np.float64)
-    return float((np.abs(ranks - 0.5) <= level / 200).mean())
+    return float(_held(frames, level).mean())
 
 
 def traces_held_between(frames: pd.DataFrame, level: int) -> Interval | None:
@@ -105,9 +104,13 @@ def traces_held_between(frames: pd.DataFrame, level: int) -> Interval | None:
     clusters = frames["cluster"].to_numpy()
     if len(np.unique(clusters)) < MIN_CLUSTERS:
         return None
+    return bootstrap(_held(frames, level)[:, None], clusters)[0]
+
+
+def _held(frames: pd.DataFrame, level: int) -> Array:
+    """`traces_held` of each frame (n,)."""
     ranks = frames.filter(regex="^rank_").to_numpy(np.float64)
-    held = (np.abs(ranks - 0.5) <= level / 200).mean(axis=1)
-    return bootstrap(held[:, None], clusters)[0]
+    return np.asarray((np.abs(ranks - 0.5) <= level / 200).mean(axis=1))
 
 
 def decibels(counts: Array, errors: Array) -> Array:

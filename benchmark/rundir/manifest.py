@@ -170,14 +170,23 @@ class _Plan(_Part):
     plugins: list[_Plugin]
 
 
+class _Resumed(_Part):
+    """When a run went on, and by which code."""
+
+    time: _Line
+    git_commit: _Line | None
+
+
 class _Added(_Part):
     """A run that a record took later cells from."""
 
     cells: list[_Line]
     same_bits: bool
+    started: _Line
     machine: dict[str, _Line | int | float | None]
     versions: dict[str, _Line | None]
     git_commit: _Line | None
+    resumed: list[_Resumed] = []
 
 
 class _Manifest(_Part):
@@ -193,6 +202,7 @@ class _Manifest(_Part):
     calibration_ms: _Positive
     started: _Line
     git_commit: _Line | None
+    resumed: list[_Resumed] = []
     hidden: _Line | None = None
     added: list[_Added] = []
 

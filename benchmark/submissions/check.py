@@ -42,10 +42,12 @@ class Check:
     Attributes:
         name: what was checked.
         problem: what is wrong, as a sentence; "" where nothing is.
+        refutes: true if the method was run again, and is not what the run says.
     """
 
     name: str
     problem: str
+    refutes: bool = False
 
 
 def check_submission(submission: Submission) -> list[Check]:

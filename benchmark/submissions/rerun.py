@@ -80,8 +80,16 @@ def rerun(submission: Submission, n: int, *, isolate: bool = False) -> list[Chec
     checks = []
     for entry in submission.run.manifest["cells"]:
         what = f"{entry['name']!r} makes the stored images of {entry['scenario']!r} again"
-        checks.append(Check(what, _problem(submission, entry, n, isolate)))
+        try:
+            problem = _problem(submission, entry, n, isolate)
+            checks.append(Check(what, problem, refutes=bool(problem)))
+        except _NotRunError as error:
+            checks.append(Check(what, str(error)))
     return checks
+
+
+class _NotRunError(Exception):
+    """A method cannot be run again here."""
 
 
 def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: bool) -> str:
@@ -89,9 +97,13 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     data, plugin = submission.data[scenario], submission.plan.origins.get(name)
     copy = None if plugin is None else run.path / plugin.kept
     if plugin is not None and not (copy and copy.is_file() and sha256_of(copy) == plugin.sha256):
-        return "The run directory lacks a copy of the method's plugin: run the suite again."
+        raise _NotRunError(
+            "The run directory lacks a copy of the method's plugin: run the suite again."
+        )
     if plugin is None and name not in METHOD_REGISTRY.known():
-        return f"The package that {name!r} comes from is not installed here: install it."
+        raise _NotRunError(
+            f"The package that {name!r} comes from is not installed here: install it."
+        )
     cell, suite = Cell(scenario, name), submission.plan.suite
     plan = CellPlan(
         cell, entry["track"], entry["parameters"], entry["spent"], suite, copy, data.batch
@@ -101,7 +113,7 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     samples = np.flatnonzero(made["test"].status != "")
     stored = run.estimates(scenario, name, samples.tolist())
     if stored is None:
-        return "It holds no images."
+        raise _NotRunError("It holds no images.")
     background = data.test.sensor.background
     rounded = run.manifest.get("images") == ROUNDED
     same = _same_machine(submission)
@@ -113,11 +125,12 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
         theirs = read_validation(run.path / METHOD_RUNS.arrays, scenario, name, images.shape)
         away = _away(theirs, images, background, share, rounded=False)
     if away.any():
-        reasons = [message for message in made["test"].message if message]
-        return (
-            f"{np.count_nonzero(away)} of {len(away)} images differ from those that it makes "
-            f"here{f' ({reasons[0]})' if reasons else ''}."
+        count = (
+            f"{np.count_nonzero(away)} of {len(away)} images differ from those that it makes here"
         )
+        if reasons := [message for message in made["test"].message if message]:
+            raise _NotRunError(f"{count} ({reasons[0]}).")
+        return f"{count}."
     # Frame by frame, the last one first: a method that learns from the frames that it is shown, or
     # from those beside a frame, makes other images now.
     singles = [slice(k, k + 1) for k in samples[::-1].tolist()[:n]]

@@ -16,16 +16,11 @@ SUMS = "SHA256SUMS"
 `sha256sum -c SHA256SUMS`."""
 
 
-def sums_of(folder: Path) -> list[str]:
-    """Lines of the SHA-256 of the files of a record, or of hidden figures, by name.
-
-    They are as `sha256sum` writes and checks them.
-    """
-    return [_sum_of(path) for path in sorted(folder.iterdir()) if path.is_file()]
-
-
 def note_sums(paths: Sequence[Path]) -> None:
-    """Add new files of one folder of a version to its sums; those that they replace go."""
+    """Add new files of one folder of a version to its sums; those that they replace go.
+
+    Lines are as `sha256sum` writes and checks them.
+    """
     folder = paths[0].parent
     sums, new = folder.parent / SUMS, {path.name for path in paths}
 
@@ -52,7 +47,7 @@ def check_sums(version: Path) -> None:
 
 
 def is_noted(folder: Path) -> bool:
-    """True of a record that is of a version, which has noted its files.
+    """True of a record of a version, which has noted its files.
 
     Raises:
         DataCorruptError: a file has changed, is gone, or was added.
@@ -67,8 +62,6 @@ def is_noted(folder: Path) -> bool:
 @lru_cache(maxsize=64)
 def _is_noted(folder: Path, _state: tuple[tuple[str, int], ...]) -> bool:
     """`is_noted`, kept for as long as no file changes: it is asked for every row of a board."""
-    if not any(path.startswith(f"{folder.name}/") for path in _noted(folder.parent)):
-        return False
     _check(folder)
     return True
 
@@ -100,7 +93,7 @@ def _noted(version: Path) -> dict[str, str]:
     """Lines of the sums of a version, by the file that each is of; empty where it has none."""
     sums = version / SUMS
     lines = sums.read_text(errors="replace").splitlines(keepends=True) if sums.is_file() else []
-    return {line[66:].strip(): line for line in lines}
+    return {line[66:].strip(): line for line in lines if line.strip()}
 
 
 def _sum_of(path: Path) -> str:

@@ -178,7 +178,7 @@ def in_words(found: Changes, why: Mapping[str, str]) -> list[str]:
         kept = f"{n} method{'s' * (n != 1)} that ran again kept all figures {sure}"
         said.append(f"Against {found.older}, {kept}.")
     if n := len(found.taken):
-        said.append(f"Rows of {n} other method{'s' * (n != 1)} are those of {found.older}.")
+        said.append(f"Rows of {n} method{'s' * (n != 1)} are those of {found.older}.")
     for name, what in found.changed.items():
         reason = why.get(name, "why is not said")
         said.append(f"Against {found.older}, {name} changed ({what}): {reason.rstrip('.')}.")

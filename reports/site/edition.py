@@ -17,7 +17,7 @@ from eitbench.benchmark.rundir.file_names import file_name
 from eitbench.benchmark.submissions.hidden import PublishedKey, published_keys
 from eitbench.benchmark.submissions.statement import read_statement
 from eitbench.benchmark.submissions.submission import FOLDER as SUBMISSIONS
-from eitbench.benchmark.submissions.sums import check_sums
+from eitbench.benchmark.submissions.sums import SUMS, check_sums
 from eitbench.benchmark.submissions.tiers import board_of, is_ranked, is_submission
 from eitbench.reports.board.changes import (
     VERSION,
@@ -103,8 +103,8 @@ class SuitePart:
 
     @property
     def date(self) -> str:
-        """The day on which the newest of its figures were made."""
-        return max(date for run in self.runs for date, _, _ in origins(run))
+        """The day on which the newest figures of its record, or of its first run, were made."""
+        return max((day for day, _, _ in origins(self.runs[0])), default="")
 
     @property
     def changed(self) -> list[str]:
@@ -266,7 +266,9 @@ def editions(folder: Path) -> list[Edition]:
         DataCorruptError: a record of a version cannot be read; other runs are left out.
     """
     versions = [
-        path for path in folder.glob("2*") if VERSION.fullmatch(path.name) and _runs_in(path)
+        path
+        for path in folder.glob("2*")
+        if VERSION.fullmatch(path.name) and (_runs_in(path) or (path / SUMS).is_file())
     ]
     if not versions:
         return [_edition(folder, "")]

@@ -100,12 +100,11 @@ def write_site(folder: Path, out: Path) -> list[Path]:
         raise InputError(f"{out} is a run directory: choose another folder for the site.")
     check_own_folder(out, besides=[Path(_DOCUMENTATION).parts[0]])
     found = editions(folder)
-    versions = [edition.version for edition in found]
     written, files = [], list[str]()
     with writing(f"the site into {out}"):
         for k, edition in enumerate(found):
             place = f"{ARCHIVE}/{edition.version}/" if k else ""
-            site = _Site(edition, out, place, versions)
+            site = _Site(edition, out, place, found)
             for name, content in site.files():
                 atomic_write(out / place / name, content)
                 files.append(f"{place}{name}")
@@ -135,22 +134,27 @@ def _forwarding(name: str, depth: int) -> bytes:
 
 def _clear(out: Path, files: Iterable[str]) -> None:
     """Delete what an earlier build wrote into `out` and this one did not, and note its `files`."""
-    note, now = out / FILES, {*files}
+    note, now, before = out / FILES, {*files}, list[str]()
     with suppress(OSError, ValueError):  # the first build, or a damaged note
-        gone = {*_NAMES.validate_json(note.read_bytes())} - now
-        for path in (Path(name) for name in gone if ".." not in name and name[:1] != "/"):
-            (out / path).unlink(missing_ok=True)
-            with suppress(OSError):  # one is not empty
-                for folder in path.parents[:-1]:
-                    (out / folder).rmdir()
+        before = _NAMES.validate_json(note.read_bytes())
+    root = out.resolve()
+    for name in {*before} - now:
+        path = root / name
+        # Whoever gave us the site with its note: nothing outside, and nothing hidden.
+        inside = path.parent.resolve() == path.parent and path.is_relative_to(root)
+        if inside and not any(part.startswith(".") for part in Path(name).parts):
+            with suppress(OSError):  # it is a folder now, or the folder holds more
+                path.unlink(missing_ok=True)
+                for folder in path.relative_to(root).parents[:-1]:
+                    (root / folder).rmdir()
     atomic_write_json(note, sorted(now))
 
 
 class _Site:
     """The pages of one edition; `place` is its way from the front of the newest one."""
 
-    def __init__(self, edition: Edition, out: Path, place: str, versions: Sequence[str]) -> None:
-        self.edition, self.out, self.place, self.versions = edition, out, place, versions
+    def __init__(self, edition: Edition, out: Path, place: str, found: Sequence[Edition]) -> None:
+        self.edition, self.out, self.place, self.found = edition, out, place, found
         self._top = "../" * place.count("/")
         self._newest = f"{self._top}index.html" if place else ""
         self._docs = self._top + _DOCUMENTATION if (out / _DOCUMENTATION).is_file() else ""
@@ -161,8 +165,10 @@ class _Site:
         edition = self.edition
         yield "index.html", self._front()
         title = "How to submit a run"
-        keys, newest = hidden_keys(edition), self.versions[0]
-        yield "submit.html", self._page("submit", title, home="", keys=keys, newest_version=newest)
+        # The steps are for `quick`, in the newest version that has a record of it.
+        to = {suite.name: suite.version for suite in self.found[0].suites}.get("quick", "")
+        keys = hidden_keys(edition)
+        yield "submit.html", self._page("submit", title, home="", keys=keys, to=to)
         for suite in edition.suites:
             yield suite.file, self._suite(suite)
             found = findings(list(suite.runs))
@@ -250,7 +256,9 @@ class _Site:
             methods=[(printable(name), _quoted(method_file(name))) for name in edition.methods],
             recordings=[(name, _recording_file(name)) for name in self.recordings()],
             versions=[
-                (name, f"{self._top}{ARCHIVE}/{name}/index.html") for name in self.versions if name
+                (of.version, f"{self._top}{ARCHIVE}/{of.version}/index.html")
+                for of in self.found
+                if of.version
             ],
             left_out=edition.left_out,
         )
@@ -263,7 +271,7 @@ class _Site:
             days, commits, processors = (
                 dict.fromkeys(of) for of in zip(*origins(run), strict=True)
             )
-            code = ", ".join(commit[:10] for commit in commits if commit)
+            code = ", ".join(dict.fromkeys(map(_short, filter(None, commits))))
             about = [
                 " to ".join(dict.fromkeys([min(days), max(days)])),
                 f"eitbench {run.manifest['versions'].get('eitbench', '')}".strip(),
@@ -421,6 +429,11 @@ def _size(suite: SuitePart) -> str:
     scenarios = "1 scenario" if len(boards) == 1 else f"{len(boards)} scenarios"
     frames = sum(board["n"] for board in boards)
     return f"{scenarios}, {len(rows)} methods, {frames:,} frames, run until {suite.date}"
+
+
+def _short(commit: str) -> str:
+    """A commit as a reader copies it, and whether the code was changed since."""
+    return commit[:10] + "-dirty" * commit.endswith("-dirty")
 
 
 def _json(value: Mapping[str, Any]) -> bytes:

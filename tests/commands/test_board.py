@@ -63,7 +63,7 @@ def test_methods_that_are_added_are_run_alone(
     again = ["board", "quick", "--runs", str(tmp_path / "more"), "--records", records]
     again += ["--version", "2099.1", "--methods", "greit"]
     result = CliRunner().invoke(app, again, catch_exceptions=False)
-    assert "Rows of 1 other method are those of" in result.output
+    assert "Rows of 1 method are those of" in result.output
     assert "kept all figures" not in result.output
     other = [*again[:-1], "noser", "--version", "2099.2"]
     with pytest.raises(InputError, match="holds a run of greit on n: name another folder for --r"):

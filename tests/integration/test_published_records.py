@@ -13,6 +13,9 @@ VERSION = "reports/board/2026.1"
 RECORD, SUMS, HIDDEN = (
     f"{VERSION}/{name}" for name in ("quick/samples.parquet", "SHA256SUMS", "hidden/quick-1.json")
 )
+NOTED, OF_AUTHOR = (
+    f"{VERSION}/submissions/quick/{name}" for name in ("reproduced.json", "mine/reproduced.json")
+)
 
 
 @pytest.fixture
@@ -23,6 +26,8 @@ def repository(tmp_path: Path) -> Path:
     (tmp_path / RECORD).parent.mkdir(parents=True)
     (tmp_path / RECORD).write_bytes(b"PAR1\x00\xff")
     add(tmp_path, SUMS, "1  quick/samples.parquet\n")
+    add(tmp_path, NOTED, '{"1": "32 of 36 samples"}')
+    add(tmp_path, OF_AUTHOR, "{}")
     git(tmp_path, "add", ".")
     git(tmp_path, "commit", "-m", "record")
     return tmp_path
@@ -47,6 +52,7 @@ def test_a_release_may_get_new_files_and_versions(repository: Path) -> None:
     add(repository, SUMS, "1  quick/samples.parquet\n2  hidden/quick-1.json\n")
     add(repository, RECORD.replace("2026.1", "2026.2"))
     add(repository, "reports/board/hidden.toml", "no part of a version")
+    add(repository, NOTED, '{"1": "32 of 36 samples", "2": "36 of 36 samples"}')
     done = checked(repository)
     assert (done.returncode, "v0.2.0" in done.stdout, done.stderr) == (0, True, "")
 
@@ -66,8 +72,9 @@ def moved(repository: Path) -> None:
         (removed, RECORD),
         (moved, RECORD),
         (lambda folder: add(folder, SUMS, "3  quick/samples.parquet\n"), SUMS),
+        (lambda folder: add(folder, OF_AUTHOR, '{"1": "all"}'), OF_AUTHOR),
     ],
-    ids=["edited", "removed", "moved", "another hash"],
+    ids=["edited", "removed", "moved", "another hash", "in a submission"],
 )
 def test_a_published_file_that_changed_is_named(
     repository: Path, change: Callable[[Path], object], named: str

@@ -1,5 +1,6 @@
 """Records of the leaderboard: small, whole in their tables, and shown like the runs they are of."""
 
+import hashlib
 import json
 import re
 import shutil
@@ -26,7 +27,7 @@ from eitbench.benchmark.rundir.kinds import RUN_KINDS, RunKind
 from eitbench.benchmark.rundir.manifest import commits
 from eitbench.benchmark.rundir.run_arrays import Scene
 from eitbench.benchmark.submissions.submission import FOLDER
-from eitbench.benchmark.submissions.sums import SUMS, sums_of
+from eitbench.benchmark.submissions.sums import SUMS
 from eitbench.benchmark.tuning.outdated import outdated
 from eitbench.commands.results import app as results
 from eitbench.reports.board import records
@@ -247,6 +248,15 @@ def test_no_record_has_a_speed_of_a_busy_machine(kind: RunKind) -> None:
             measured = ~cells["busy"] & cells["calibration_ms"].notna()  # it did not fail
             idle = cells.loc[measured, [name for name in speeds if "p9" not in name]]
             assert idle.notna().any().all() or idle.empty, path
+
+
+def sums_of(folder: Path) -> list[str]:
+    """Lines as `sha256sum` writes them."""
+    files = (path for path in sorted(folder.iterdir()) if path.is_file())
+    return [
+        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {folder.name}/{path.name}\n"
+        for path in files
+    ]
 
 
 def test_nobody_changed_a_file_of_a_record(record: Path) -> None:

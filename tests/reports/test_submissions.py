@@ -477,5 +477,5 @@ def test_a_run_has_no_tier_and_a_record_was_run_by_us(run: Path, tmp_path: Path)
     with pytest.raises(DataCorruptError, match=r"mine/manifest\.json is not the file that"):
         notes(ranked_rows([record]))
     (record.parent / SUMS).write_bytes(b"\xff\x00 no text")
-    (told,) = [note for note in notes(ranked_rows([record])) if "tier" in note]
-    assert told == "tier of noser: self-reported"
+    with pytest.raises(DataCorruptError, match="is not noted in SHA256SUMS"):
+        notes(ranked_rows([record]))

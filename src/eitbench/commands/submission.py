@@ -80,7 +80,7 @@ def check(
     # A plugin is code of somebody else: it runs only where all that can be read is right.
     if rerun is not None and not any(check_of.problem for check_of in checks):
         again = run_again(submission, rerun, isolate=isolate)
-        if any(check_of.problem for check_of in again):
+        if any(check_of.refutes for check_of in again):
             withdraw_reproduced(run)
         checks += again
     for check_of in checks:

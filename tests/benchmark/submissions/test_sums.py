@@ -50,10 +50,16 @@ def test_a_stray_file_in_a_record_is_named(version: Path) -> None:
             check()
 
 
-def test_a_folder_that_no_version_has_noted_is_nobodys_record(version: Path) -> None:
+def test_a_record_that_its_version_has_not_noted_is_refused(version: Path) -> None:
     (version / "mine").mkdir()
     (version / "mine" / "a").write_text("a")
-    assert not is_noted(version / "mine")
-    assert not is_noted(version)
-    with pytest.raises(DataCorruptError, match="mine/a is not noted"):
-        check_sums(version)
+    assert not is_noted(version)  # a folder that is in no version
+    for check in (lambda: is_noted(version / "mine"), lambda: check_sums(version)):
+        with pytest.raises(DataCorruptError, match="mine/a is not noted"):
+            check()
+
+
+def test_a_blank_line_of_sums_is_no_file(version: Path) -> None:
+    with (version / SUMS).open("a") as file:
+        file.write("\n")
+    check_sums(version)

@@ -228,6 +228,26 @@ def test_a_version_has_the_suites_of_the_one_before_that_it_lacks(
     assert ", from version" not in (out / "suites" / "other.html").read_text()
 
 
+def test_a_version_that_lost_its_records_is_not_left_out(board: Path, tmp_path: Path) -> None:
+    shutil.copytree(board, board.with_name("2026.2"))
+    shutil.rmtree(board.with_name("2026.2") / "bench")
+    with pytest.raises(DataCorruptError, match=r"2026\.2/bench/.* is gone"):
+        write_site(board.parent, tmp_path / "site")
+
+
+def test_a_run_whose_manifest_tells_nothing_of_its_resumption_is_left_out(
+    build: Any, dataset_of: Any, tmp_path: Path
+) -> None:
+    build.add_scaled(dataset_of("conductivity", 12), {"good": 0.9, "poor": 0.2})
+    run, runs = build.write(), tmp_path / "runs"
+    for name in ("one", "two"):
+        shutil.copytree(run, runs / name)
+    with edited_manifest(runs / "two") as content:
+        content["resumed"] = [{}]
+    (front, *_) = write_site(runs, tmp_path / "site")
+    assert "two is left out" in front.read_text()
+
+
 def test_a_site_in_the_place_of_another_one_has_no_pages_of_it(
     build: Any, dataset_of: Any, tmp_path: Path
 ) -> None:
@@ -246,6 +266,19 @@ def test_a_site_in_the_place_of_another_one_has_no_pages_of_it(
     assert not (out / "records" / "bench").exists()
     assert (out / "records" / "else").is_dir()
     assert (out / "CNAME").is_file()
+    # A note that came from elsewhere deletes nothing outside, and nothing hidden.
+    (tmp_path / "precious").write_text("mine")
+    (out / "link").symlink_to(tmp_path)
+    (out / ".git").mkdir()
+    (out / ".git" / "config").write_text("mine")
+    (out / "suites" / "old.html").write_text("old")
+    said = ["link/precious", "../precious", str(tmp_path / "precious"), ".git/config", "suites"]
+    (out / ".files.json").write_text(json.dumps([*said, "suites/old.html"]))
+    write_site(runs, out)
+    assert (tmp_path / "precious").is_file()
+    assert (out / ".git" / "config").is_file()
+    assert (out / "suites").is_dir()
+    assert not (out / "suites" / "old.html").exists()
     left = pages - {path.relative_to(out) for path in out.rglob("*.html")}
     assert left == {Path("suites/bench.html"), Path("reports/bench/index.html")}
 
