@@ -264,8 +264,8 @@ class HeteroscedasticDnn(ContinuedMethod):
     """The image of `dnn`, and a network that gives the deviation of each pixel from it."""
 
     source: ClassVar[str] = (
-        "Nix and Weigend, IEEE ICNN 1994, 55 (deviations); Gneiting et al., Mon. Weather Rev. 133, "
-        "2005, 1098 (training by CRPS)"
+        "Nix and Weigend, IEEE ICNN 1994, 55; Kendall and Gal, NIPS 30, 2017; trained by CRPS: "
+        "Gneiting et al., Mon. Weather Rev. 133, 2005, 1098"
     )
     files: ClassVar = WeightFiles("dnn-heteroscedastic")
     recipe: ClassVar = Recipe(epochs=8, patience=15)

@@ -369,10 +369,11 @@ def test_records_name_no_folder_of_the_machine_that_made_them(run: Path, tmp_pat
     typed = Path(shutil.copytree(run, tmp_path / "run"))
     with edited_manifest(typed) as content:
         content["command_line"] = f"eitbench board mine --runs {tmp_path}"
-        content["resumed"] = [{"command_line": content["command_line"], "jobs": 2}]
+        later = {"time": "2026-01-01", "git_commit": None, "jobs": 2}
+        content["resumed"] = [{"command_line": content["command_line"], **later}]
     kept = write_record(typed, tmp_path / "2026.1" / "mine") / "manifest.json"
     assert json.loads(kept.read_text())["resumed"] == [
-        {"command_line": "eitbench board mine --runs RUNS", "jobs": 2}
+        {"command_line": "eitbench board mine --runs RUNS", **later}
     ]
     for manifest in (kept, *BOARD.glob("2*/*/manifest.json")):
         content = json.loads(manifest.read_text())
