@@ -613,7 +613,10 @@ def test_records_name_commits_of_the_history() -> None:
         content = json.loads(record.read_text())
         made.update(c for of in [content, *content.get("added", [])] for c in commits(of))
     listed = subprocess.run([*git, "rev-list", "HEAD"], capture_output=True, text=True, check=True)
-    assert made - {*listed.stdout.split()} == {LOST}
+    history = {*listed.stdout.split()}
+    if not made & history:
+        pytest.skip("this checkout has another history")
+    assert made - history == {LOST}
     assert LOST[:8] in (root / "docs" / "board.md").read_text()
 
 
