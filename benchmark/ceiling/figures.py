@@ -230,9 +230,9 @@ def _summary(scenario: str, of: pd.DataFrame) -> dict[str, object]:
     errors = of[["mse", *(f"mse_{k}" for k in PROPOSALS)]].to_numpy()
     whole, apart = bootstrap(errors, of["cluster"], _decibels)
     ranks = of[[f"rank_{name}" for name in TRACES]].to_numpy()
-    off, wide = (
-        min(1.0, len(TRACES) * min(stats.kstest(of, "uniform").pvalue for of in columns))
-        for columns in (ranks.T, np.abs(2 * ranks - 1).T)
+    uniform_p, width_p = (
+        min(1.0, len(TRACES) * min(stats.kstest(column, "uniform").pvalue for column in table.T))
+        for table in (ranks, np.abs(2 * ranks - 1))
     )
     return {
         "scenario": scenario,
@@ -250,8 +250,8 @@ def _summary(scenario: str, of: pd.DataFrame) -> dict[str, object]:
         "exact_psnr": psnr_of_mean(of["mse"][exactly_weighted(of)]),
         "worst": float(of["mse"].max() / of["mse"].sum()),
         **{f"within_{level}": traces_held(of, level) for level in (50, 80, 95)},
-        "uniform_p": off,
-        "width_p": wide,
+        "uniform_p": uniform_p,
+        "width_p": width_p,
     }
 
 

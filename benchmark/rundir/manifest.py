@@ -263,10 +263,15 @@ def origin(manifest: Manifest, name: str, scenario: str = "") -> Manifest:
     return manifest
 
 
+def starts(manifest: Manifest) -> list[tuple[str, str | None]]:
+    """When and by which commit one run began, then when it was resumed."""
+    resumed = [(of["time"], of["git_commit"]) for of in manifest.get("resumed", [])]
+    return [(manifest["started"], manifest["git_commit"]), *resumed]
+
+
 def commits(manifest: Manifest) -> list[str | None]:
-    """The commits of the code of one run: at which it began, and was resumed; each once."""
-    begun = [manifest, *manifest.get("resumed", [])]
-    return list(dict.fromkeys(of["git_commit"] for of in begun))
+    """The commits of the code of one run, each once."""
+    return list(dict.fromkeys(commit for _, commit in starts(manifest)))
 
 
 def samples_of(manifest: Manifest) -> dict[str, int]:

@@ -203,7 +203,6 @@ def _read(
 
 def write_readings(table: pd.DataFrame, samples: int, folder: Path) -> Path:
     """Write the readings as `readings.json` into `folder`."""
-    folder.mkdir(parents=True, exist_ok=True)
     content = {"written": now(), "samples": samples, "rows": table.to_dict("records")}
     path = folder / FILE_NAME
     atomic_write_json(path, content)

@@ -120,17 +120,15 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
     share = 0.0 if same else ROUNDING
     ours = made["test"].values["conductivity"][samples]
     away = _away(stored, ours, background, share, rounded=rounded)
+    messages = made["test"].message[samples]
+    if away.any() and (messages[away] != "").all():
+        raise _NotRunError(f"{_differing(away)} ({messages[away][0]}).")
     if data.validation is not None and not away.any():
         images = made["validation"].values["conductivity"]
         theirs = read_validation(run.path / METHOD_RUNS.arrays, scenario, name, images.shape)
         away = _away(theirs, images, background, share, rounded=False)
     if away.any():
-        count = (
-            f"{np.count_nonzero(away)} of {len(away)} images differ from those that it makes here"
-        )
-        if reasons := [message for message in made["test"].message if message]:
-            raise _NotRunError(f"{count} ({reasons[0]}).")
-        return f"{count}."
+        return f"{_differing(away)}."
     # Frame by frame, the last one first: a method that learns from the frames that it is shown, or
     # from those beside a frame, makes other images now.
     singles = [slice(k, k + 1) for k in samples[::-1].tolist()[:n]]
@@ -159,6 +157,11 @@ def _problem(submission: Submission, entry: Mapping[str, Any], n: int, isolate: 
         return f"Run again, it learned from {row['overlap']:.0f} of the test samples."
     did = describe_actions(row.get("actions"))
     return f"Run again, it {did}." if did else ""
+
+
+def _differing(away: NDArray[np.bool_]) -> str:
+    count = f"{np.count_nonzero(away)} of {len(away)} images"
+    return f"{count} differ from those that it makes here"
 
 
 def drawn_batches(size: int, batch: int, n: int) -> list[slice]:

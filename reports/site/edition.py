@@ -240,9 +240,7 @@ def origins(run: Run) -> list[tuple[str, str, str]]:
     for name, scenario in keys:
         made = manifest.origin(run.manifest, name, scenario)
         cpu = str(made["machine"].get("cpu") or "")
-        days = [made["started"], *(of["time"] for of in made.get("resumed", []))]
-        commits = [made["git_commit"], *(of["git_commit"] for of in made.get("resumed", []))]
-        found.update((str(d)[:10], str(c or ""), cpu) for d, c in zip(days, commits, strict=True))
+        found.update((time[:10], commit or "", cpu) for time, commit in manifest.starts(made))
     return sorted(found)
 
 

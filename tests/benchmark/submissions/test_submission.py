@@ -20,6 +20,7 @@ from eitbench.benchmark.analysis.rescore import rescore
 from eitbench.benchmark.run import method_cell
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.benchmark.rundir.run_arrays import rounded_images
+from eitbench.benchmark.submissions import rerun as rerun_module
 from eitbench.benchmark.submissions import run_checks
 from eitbench.benchmark.submissions.check import CHECKS, check_submission
 from eitbench.benchmark.submissions.rerun import (
@@ -560,7 +561,28 @@ def test_images_that_no_method_made_are_found(with_plugin: Path) -> None:
     copy_the_truth(with_plugin, "noser")
     found = rerun(open_submission(with_plugin), 2)
     assert "5 of 5 images differ from those that it makes here" in found[0].problem
-    assert found[1].problem == ""
+    assert found[0].refutes
+    assert (found[1].problem, found[1].refutes) == ("", False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fails", ["all", "some"])
+def test_a_method_that_fails_here_refutes_nothing_by_that(
+    with_plugin: Path, monkeypatch: pytest.MonkeyPatch, fails: str
+) -> None:
+    """If images of other samples differ, they do."""
+    copy_the_truth(with_plugin, "noser")
+    made = rerun_module._made
+
+    def failing(*of: Any) -> Any:
+        row, stored, figures = made(*of)
+        stored["test"].message[slice(None) if fails == "all" else slice(1)] = "out of memory"
+        return row, stored, figures
+
+    monkeypatch.setattr(rerun_module, "_made", failing)
+    (found, _) = rerun(open_submission(with_plugin), 5)
+    assert ("(out of memory)" in found.problem, found.refutes) == (fails == "all", fails == "some")
+    assert "5 of 5 images differ" in found.problem
 
 
 @pytest.mark.parametrize("exact", [True, False])
