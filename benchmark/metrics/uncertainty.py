@@ -60,9 +60,12 @@ UNCERTAINTY = {
             unit="S/m",
             best="min",
             form=".5f",
-            traps="A proper score: in the mean nothing beats the true posterior. Mostly a figure "
-            "of the error: a better image without a word on its spread can win. Blind to whether "
-            "neighbouring pixels vary together.",
+            traps="A proper score of independent draws: in the mean nothing beats the true "
+            "posterior. Draws that avoid each other, such as evenly spaced quantiles, can, by a "
+            "few per cent. Mostly a figure of the error: a better image without a word on its "
+            "spread can win. Blind to whether neighbouring pixels vary together. Frames that fail "
+            "are charged what certainty of an untouched sensor gets; there are methods with less "
+            "to say.",
         ),
         *(
             MetricSpec(
@@ -77,7 +80,8 @@ UNCERTAINTY = {
                 traps=f"{level} % is right, more is too careful. An average: too wide at one place "
                 "makes up for too narrow at another. Wide intervals reach it without knowing "
                 "anything, see Sharpness. Methods that are unsure everywhere are judged on more "
-                "pixels.",
+                "pixels. Draws kept within a range at whose end the truth often lies are equal to "
+                "it there, share its ranks, and look right whatever they say.",
             )
             for level in LEVELS
         ),

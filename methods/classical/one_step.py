@@ -58,7 +58,9 @@ class GaussianStep(OneStep):
 
     The image is the mean of the posterior N(x, s^2 (C - R J C)) of the prior N(0, s^2 C) and of
     white noise of the variance s^2 w. What the two share, s^2, is estimated for each frame by the
-    maximum of its evidence, s^2 = dv^T (J C J^T + w I)^-1 dv / M.
+    maximum of its evidence, s^2 = dv^T (J C J^T + w I)^-1 dv / M. Draws are normal about the image
+    in S/m, by the slope of the unknown there, and may leave the sensor's range: kept within it,
+    half of them would equal the untouched background wherever this is the range's end.
 
     Source: Kaipio and Somersalo, Statistical and Computational Inverse Problems (2005), sec. 3.4;
     draws as Papandreou and Yuille, NIPS 23, 2010: the prior's, corrected by their own data.
@@ -86,16 +88,18 @@ class GaussianStep(OneStep):
 
     def uncertainty(self, voltages: Array) -> Array:
         """Draws (n, K, H, W) [S/m] from the posterior of frames (n, M)."""
-        data = self._linearisation.data(voltages)
+        linearisation, mask = self._linearisation, self._problem.mask
+        data = linearisation.data(voltages)
         scale = np.sqrt(np.einsum("nm,mk,nk->n", data, self._precision, data) / data.shape[1])
         mean = self._problem.difference(voltages, self.gain_power) @ self._matrix
-        images = []
-        for frame, s, x in zip(data, scale, mean, strict=True):
+        slope = linearisation.slope(np.clip(mean, *linearisation.bounds))
+        draws = np.repeat(linearisation.images(mean)[:, None], DRAWS, axis=1)
+        for n, frame in enumerate(data):
             # Frames have numbers of their own, the same each time.
             rng = np.random.default_rng(zlib.crc32(frame.astype(np.float32).tobytes()))
             chosen = rng.choice(OFFSETS, DRAWS, replace=False)
-            images.append(self._linearisation.images(x + s * self._offsets[chosen]))
-        return np.array(images).reshape(-1, DRAWS, *self._problem.mask.shape)
+            draws[n][:, mask] += scale[n] * slope[n] * self._offsets[chosen]
+        return draws
 
 
 def regularised_inverse(jacobian: Array, prior_times_transpose: Array, weight: float) -> Array:

@@ -126,9 +126,11 @@ def widening(errors: Array, low: Array, high: Array, span: float) -> float:
     `LEVEL` of them, on the average over frames, of pixels that span more than `span`; at most
     `WIDEST`, and at least 1.
     """
+    # Counted before anything is widened: if wider intervals made more pixels count, the share held
+    # could fall as they widen, and never reach the level.
+    counted = np.maximum(high, errors) - np.minimum(low, errors) > span
 
     def held(factor: float) -> float:
-        counted = np.maximum(factor * high, errors) - np.minimum(factor * low, errors) > span
         within = (factor * low <= errors) & (errors <= factor * high)
         shares = [within[n][counted[n]].mean() for n in range(len(errors)) if counted[n].any()]
         return float(np.mean(shares)) if shares else 1.0

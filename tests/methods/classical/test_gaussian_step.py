@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from scipy import linalg
+from scipy import linalg, stats
 
 from eitbench.methods import Problem
 from eitbench.methods.classical import one_step
+from eitbench.methods.classical.linearisation import VARIABLES, Variable
 from eitbench.methods.classical.noser import Noser
 from eitbench.methods.classical.one_step import GaussianStep
 from eitbench.methods.classical.tikhonov import Tikhonov
@@ -17,14 +18,19 @@ from eitbench.scenarios.suites.suite import scenario_by_name
 WEIGHT = 0.1
 
 
-@pytest.fixture(scope="module")
-def problem() -> Problem:
-    """A coarse square on which a conductivity may rise and fall as it likes."""
+def _coarse(low: float, high: float) -> Problem:
+    """A coarse square whose conductivity is within these multiples of the background."""
     coarse = scenario_by_name("quick").model_copy(
-        update={"image_shape": (16, 16), "conductivity_range": (1e-6, 1e6)}
+        update={"image_shape": (16, 16), "conductivity_range": (low, high)}
     )
     model = forward_model(coarse.nominal_sensor)
     return Problem(coarse.nominal_sensor, model.voltages(model.background), no_split)
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    """A square on which a conductivity may rise and fall as it likes."""
+    return _coarse(1e-6, 1e6)
 
 
 @pytest.mark.parametrize("kind", [Noser, Tikhonov])
@@ -43,6 +49,24 @@ def test_draws_have_the_covariance_of_the_posterior(
     drawn = np.cov(method._offsets.T)
     scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
     np.testing.assert_allclose(drawn / scale, exact / scale, atol=5 / np.sqrt(20_000))
+
+
+@pytest.mark.parametrize("variable", VARIABLES)
+@pytest.mark.parametrize("high", [1.0, 2.0])
+def test_draws_are_normal_about_the_image_whatever_the_range(
+    variable: Variable, high: float
+) -> None:
+    """Kept within it, half of them would equal the background, and with it most true pixels."""
+    method = Noser(WEIGHT, variable)
+    problem = _coarse(0.05, high)
+    method.fit(problem)
+    noise = np.random.default_rng(3).standard_normal((400, len(problem.reference)))
+    frames = problem.reference + 1e-5 * noise
+    offsets = (method.uncertainty(frames) - method.reconstruct(frames)[:, None])[..., problem.mask]
+    below = (offsets < 0).mean()
+    assert below == pytest.approx(0.5, abs=0.02)
+    assert np.abs(offsets.mean(axis=(0, 1)) / offsets.std(axis=(0, 1))).max() < 0.2
+    assert stats.kurtosis(offsets / offsets.std(axis=(0, 1)), axis=None) == pytest.approx(0, abs=1)
 
 
 def test_the_scale_of_each_frame_is_found_and_the_truth_is_one_more_draw(problem: Problem) -> None:

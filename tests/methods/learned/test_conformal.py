@@ -28,6 +28,17 @@ def test_errors_are_widened_to_the_share_that_is_asked_for() -> None:
     assert widening(more, -ends, ends, 0.01) == factor  # pixels without an error do not count
 
 
+def test_pixels_that_count_only_once_they_are_widened_do_not_widen_further() -> None:
+    """A sixth of the pixels err nine times as far as stated, and span enough once widened."""
+    rng = np.random.default_rng(8)
+    errors = 1.5 * rng.standard_normal((400, 500))
+    end = np.full(errors.shape, 1.96)
+    alone = widening(errors, -end, end, 0.01)
+    errors = np.append(errors, np.full((400, 100), 0.0088), axis=1)
+    end = np.append(end, np.full((400, 100), 0.001), axis=1)
+    assert widening(errors, -end, end, 0.01) == alone == pytest.approx(1.5, abs=0.1)
+
+
 def test_its_images_are_those_of_dnn_with_the_same_parameters(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
