@@ -57,6 +57,7 @@ class Registry(Generic[Base]):
         kind: what a member is called in messages.
         base: the class that members are made from.
         group: the group of entry points that installed packages offer members in.
+        decorator: the name of the function that is its `register`.
         built_in: the modules of eitbench that register members when they are imported.
         needs: the library, of an extra, that these modules need; "" for none.
     """
@@ -66,12 +67,14 @@ class Registry(Generic[Base]):
         kind: str,
         base: type[Base],
         group: str,
+        decorator: str,
         built_in: tuple[str, ...],
         needs: str = "",
     ) -> None:
         self.kind = kind
         self.base: type[Base] = base
         self.group = group
+        self.decorator = decorator
         self.built_in = built_in
         self.needs = needs
         self._registered: dict[str, type[Base]] = {}
@@ -83,6 +86,8 @@ class Registry(Generic[Base]):
             InputError: a name that cannot be used or belongs to another class, of any registry; a
                 decorated class that is no subclass of `base`.
         """
+        if not isinstance(name, str):  # the decorator without its parentheses
+            raise InputError(f'A {self.kind} needs a name: write @{self.decorator}("my-name").')
         if not usable_name(name):
             raise InputError(
                 f"{name!r} cannot name a {self.kind}: use 1 to {MAX_NAME} bytes of printable "
@@ -95,6 +100,10 @@ class Registry(Generic[Base]):
                 raise InputError(
                     f"{name!r} is registered on {cls!r}, which is not a subclass of "
                     f"{self.base.__name__}."
+                )
+            if lacking := sorted(getattr(cls, "__abstractmethods__", ())):
+                raise InputError(
+                    f"The class {cls.__name__} of {name!r} lacks {' and '.join(lacking)}."
                 )
             if not cls.__module__.startswith("eitbench.methods."):
                 for registry in registries():
@@ -167,6 +176,7 @@ METHOD_REGISTRY = Registry(
     "method",
     Method,  # type: ignore[type-abstract]
     "eitbench.methods",
+    "register",
     (
         "classical.back_projection",
         "classical.tikhonov",
@@ -198,6 +208,7 @@ OPERATOR_REGISTRY = Registry(
     "operator",
     Operator,  # type: ignore[type-abstract]
     "eitbench.operators",
+    "register_operator",
     ("operators.jacobian", "operators.surrogate", "operators.fem"),
     needs="torch",
 )
@@ -206,6 +217,7 @@ PLACE_REGISTRY = Registry(
     "place method",
     PlaceMethod,  # type: ignore[type-abstract]
     "eitbench.place_methods",
+    "register_place_method",
     ("places.regressions", "places.networks", "places.topographic_map"),
 )
 
@@ -283,8 +295,12 @@ def load_plugin(path: str | Path) -> Plugin:
     except InputError:
         raise
     except (Exception, SystemExit) as error:
+        hint = ""
+        if isinstance(error, ModuleNotFoundError) and (file.parent / f"{error.name}.py").is_file():
+            hint = " A plugin is one file: put its modules into it, or make a package of them"
+            hint += " (eitbench new-method)."
         raise InputError(
-            f"The plugin {file.name} does not run: {type(error).__name__}: {error}."
+            f"The plugin {file.name} does not run: {type(error).__name__}: {error}.{hint}"
         ) from error
     registered = Plugin(
         METHOD_REGISTRY.of_module(module_name),
@@ -293,7 +309,8 @@ def load_plugin(path: str | Path) -> Plugin:
     )
     if not any(registered):
         raise InputError(
-            f"The plugin {file.name} registers no method and no operator: decorate a class with "
-            "@register, @register_place_method or @register_operator."
+            f"The plugin {file.name} registers nothing: decorate a class with "
+            '@register("my-name"), @register_place_method("my-name") or '
+            '@register_operator("my-name").'
         )
     return registered

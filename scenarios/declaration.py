@@ -137,6 +137,10 @@ def _problem(error: Mapping[str, Any], model: type[Declaration]) -> str:
             return "it does not belong here, but in another table."
         near = difflib.get_close_matches(given, fields, n=1)
         return f"unknown field, the nearest is {near[0]!r}." if near else "unknown field."
+    if error["type"] in ("list_type", "tuple_type"):
+        return "it is a list, in square brackets."
+    if error["type"] == "too_short" and not error["ctx"]["actual_length"]:
+        return "it is empty."
     if error["type"].startswith("union_tag"):
         return f"it is {', '.join(map(repr, TAGS[:-1]))} or {TAGS[-1]!r}."
     problem = str(error["msg"]).removeprefix("Value error, ").rstrip(".")

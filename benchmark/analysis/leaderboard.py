@@ -170,7 +170,7 @@ def made_with(entry: Entry) -> tuple[Any, ...]:
         if (cell.get("scenario"), cell.get("name")) == (scenario, name)
     ]
     labels = [entry.row[label] for label in kind.labels]
-    return name, labels, cells, manifests.code_of(about, name)
+    return name, labels, cells, manifests.code_sha256(about, name)
 
 
 def boards(rows: Sequence[Row]) -> list[list[Row]]:

@@ -35,7 +35,7 @@ from eitbench.benchmark.rundir.tables import read_parquet, wrong_kind
 from eitbench.benchmark.workers.messages import plain_trace
 from eitbench.methods.registry import MAX_NAME, METHOD_REGISTRY, OPERATOR_REGISTRY, PLACE_REGISTRY
 from eitbench.scenarios.data.datasets import SNR_COLUMNS
-from eitbench.scenarios.errors import DataCorruptError, InputError
+from eitbench.scenarios.errors import DataCorruptError, InputError, counted
 from eitbench.scenarios.recordings.descriptors import PLACES
 from eitbench.scenarios.storage.try_reading import try_reading
 
@@ -420,7 +420,7 @@ def plugin_copies(run: Run) -> list[str]:
     ]
 
 
-def code_of(run: Run, name: str) -> str:
+def code_place(run: Run, name: str) -> str:
     """Return where the code of a method or operator is: in the run directory, or in eitbench."""
     for plugin in run.manifest["plan"]["plugins"]:
         if name in plugin["names"]:
@@ -459,7 +459,7 @@ def failures_with_traces(run: Run) -> list[tuple[str, str]]:
         trace = cells["trace"].get(of, "") if "trace" in cells else ""
         found.append(
             (
-                f"{name!r} on {scenario!r}: {len(rows)} samples failed, the first "
+                f"{name!r} on {scenario!r}: {counted(len(rows), 'sample')} failed, the first "
                 f"({first['status']}): {' '.join(str(first['message']).split())}",
                 plain_trace(trace) if isinstance(trace, str) else "",
             )

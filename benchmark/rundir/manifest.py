@@ -247,7 +247,8 @@ def check_own(run: Path, manifest: Manifest, instead: str) -> None:
 def first_problem(error: ValidationError) -> tuple[str, str]:
     """Place and reason of the first problem."""
     first = error.errors(include_url=False)[0]
-    return ".".join(map(str, first["loc"])), first["msg"].removeprefix("Value error, ")
+    reason = "it is missing" if first["type"] == "missing" else first["msg"]
+    return ".".join(map(str, first["loc"])), reason.removeprefix("Value error, ")
 
 
 def origin(manifest: Manifest, name: str, scenario: str = "") -> Manifest:
@@ -305,7 +306,7 @@ def about_data(test: Dataset) -> dict[str, Any]:
     }
 
 
-def code_of(manifest: Manifest, name: str) -> str:
+def code_sha256(manifest: Manifest, name: str) -> str:
     """SHA-256 (hex) of the file that a method of somebody else was in; "" for one of ours."""
     plan = manifest["plan"]
     files = [plugin["sha256"] for plugin in plan["plugins"] if name in plugin["names"]]

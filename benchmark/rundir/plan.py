@@ -97,8 +97,8 @@ class Plan(_Declared):
         """
         if self.suite.ranks != "methods":
             raise InputError(
-                f"Suite {self.suite.name!r} ranks {self.suite.ranks}: name one of methods "
-                "(eitbench list suites)."
+                f"Suite {self.suite.name!r} ranks {self.suite.ranks}: name a suite that ranks "
+                "methods that make images (eitbench list suites)."
             )
         return self.names
 

@@ -216,6 +216,13 @@ def rounded_images(
     return (background + np.round(contrast / steps) * steps).astype(np.float32), steps
 
 
+def _unreadable(path: Path) -> DataCorruptError:
+    return DataCorruptError(
+        f"{path} is {'damaged' if path.exists() else 'missing'}: run the suite again, or take the "
+        "run directory again from where it came from."
+    )
+
+
 def names_in(path: Path) -> Iterator[str]:
     """Yield the names of all that the file at `path` holds, as far down as a run writes.
 
@@ -230,7 +237,7 @@ def names_in(path: Path) -> Iterator[str]:
             yield from _names_in(file, "", 3)
     # HDF5 fails in whatever way the damage leads to.
     except Exception as error:
-        raise DataCorruptError(f"{path} cannot be read: resume the run.") from error
+        raise _unreadable(path) from error
 
 
 def _names_in(part: h5py.Group | h5py.Dataset, prefix: str, levels: int) -> Iterator[str]:
@@ -324,7 +331,7 @@ def _group(path: Path, scenario: str, name: str) -> Iterator[h5py.Group]:
         raise
     # HDF5 fails in whatever way the damage leads to.
     except Exception as error:
-        raise DataCorruptError(f"{path} cannot be read: resume the run.") from error
+        raise _unreadable(path) from error
 
 
 def _images(stored: h5py.Dataset, rows: Sequence[int]) -> NDArray[np.float64]:

@@ -20,7 +20,6 @@ from eitbench.benchmark.submissions.figure_checks import (
     scores_are_ours,
 )
 from eitbench.benchmark.submissions.run_checks import (
-    choices_are_ours,
     files_hold_nothing_else,
     holds_nothing_else,
     is_complete,
@@ -30,6 +29,7 @@ from eitbench.benchmark.submissions.run_checks import (
     names_are_clear,
     names_its_version,
     says_who,
+    tracks_are_ranked,
 )
 from eitbench.benchmark.submissions.submission import Submission
 from eitbench.scenarios.errors import EitbenchError
@@ -92,7 +92,7 @@ CHECKS: dict[str, Callable[[Submission], str]] = {
     "every sample of every method has its row": is_complete,
     "tables and images hold what a run writes": files_hold_nothing_else,
     "times and memory are possible": measured_is_possible,
-    "tracks, parameters and weights are ours": choices_are_ours,
+    "tracks are ranked": tracks_are_ranked,
     "no test samples were learned from": learned_apart,
     "frames, truth and geometry are ours": frames_are_ours,
     "registrations and load calibrations are those of the stored images": registrations_are_ours,

@@ -288,7 +288,7 @@ def _gap(open_entry: Entry, hidden_entry: Entry) -> Gap:
     return Gap(
         scenario=rows[0]["scenario"],
         method=rows[0]["method"],
-        code=manifests.code_of(open_entry.run.manifest, rows[0]["method"]) or None,
+        code=manifests.code_sha256(open_entry.run.manifest, rows[0]["method"]) or None,
         figure=by,
         n=len(open_entry.cell),
         clusters=clusters,
@@ -414,7 +414,7 @@ def gap_of(records: Iterable[HiddenRecord], run: Run, scenario: str, method: str
     with other parameters, weights or a newer package it has another.
     """
     plan, data = run.manifest["plan"], run.manifest["data"][scenario]["hash"]
-    code = manifests.code_of(run.manifest, method) or None
+    code = manifests.code_sha256(run.manifest, method) or None
     suite = plan["suite"]["name"]
     for record in records:
         if record.suite != suite or record.data.get(scenario, ("", ""))[0] != data:

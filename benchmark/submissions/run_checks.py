@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 import unicodedata
+from collections.abc import Collection, Hashable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,6 @@ from eitbench.benchmark.analysis.results import (
 from eitbench.benchmark.metrics.novelty import SCORES
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.run.prior_knowledge import stated_overlap
-from eitbench.benchmark.run.tracks import cell_entries
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.folder import unknown_entries
 from eitbench.benchmark.rundir.kinds import CONDITIONS, METHOD_RUNS
@@ -211,9 +211,19 @@ def folded(name: str) -> str:
 _ALIKE = str.maketrans({"0": "o", "1": "l", "i": "l", "|": "l", "5": "s", **dict.fromkeys("-_ .")})
 
 
-def _is_known(of: Submission, name: str) -> bool:
-    """True for a method of a package that is installed here, and of no plugin."""
-    return name not in of.plan.origins and name in METHOD_REGISTRY.known()
+def left_out(skipped: Collection[str], sensors: Mapping[str, Hashable], name: str) -> list[str]:
+    """Return the scenarios of a method's plan that its run rightly lacks.
+
+    A network fits one sensor: of a sensor all scenarios may be left out, but not single ones.
+
+    Args:
+        skipped: those that the manifest says were left out, as SCENARIO/METHOD.
+        sensors: of each scenario of the suite.
+        name: of the method.
+    """
+    stated = [scenario for scenario in sensors if f"{scenario}/{name}" in skipped]
+    can = {sensor for scenario, sensor in sensors.items() if scenario not in stated}
+    return [scenario for scenario in stated if can and sensors[scenario] not in can]
 
 
 def is_complete(of: Submission) -> str:
@@ -234,12 +244,10 @@ def is_complete(of: Submission) -> str:
     samples = {name: len(data.test) for name, data in of.data.items()}
     if manifests.samples_of(run.manifest) != samples:
         return f"The manifest tells other numbers of samples than the scenarios have: {samples}."
-    expected = []
-    for scenario in plan.suite.scenarios:
-        for name in plan.names:
-            # A method without weights for a sensor is left out by the run itself.
-            if not (_is_known(of, name) and of.data[scenario.name].unusable(name)):
-                expected.append((scenario.name, name))
+    tests = {name: data.test.sensor for name, data in of.data.items()}
+    sensors = {name: (sensor.name, sensor.image_shape) for name, sensor in tests.items()}
+    out = {name: left_out(run.manifest["skipped"], sensors, name) for name in plan.names}
+    expected = [(where, name) for where in sensors for name in plan.names if where not in out[name]]
     ranked = [(c["scenario"], c["name"]) for c in run.manifest["cells"] if not c["variant"]]
     rows = list(zip(run.cells["scenario"], run.cells["method"], strict=True))
     sampled = [*cells_of(run.samples)]
@@ -300,22 +308,16 @@ def measured_is_possible(of: Submission) -> str:
     return ""
 
 
-def choices_are_ours(of: Submission) -> str:
-    """Tracks, parameters or weights that are not those of this version."""
+def tracks_are_ranked(of: Submission) -> str:
+    """A track that is not ranked, or not that of the rows.
+
+    Parameters and weights are the author's own: no method of eitbench can be submitted.
+    """
     labels: dict[tuple[str, str], str] = {}
     for entry in of.run.manifest["cells"]:
         if entry["variant"]:
             continue
-        name, data = entry["name"], of.data[entry["scenario"]]
-        labels[entry["scenario"], name] = entry["track"]
-        # What was chosen for any other, and its weights, are its author's.
-        (ours, *_) = cell_entries(of.plan, data, name) if _is_known(of, name) else (entry,)
-        for what in ("track", "parameters", "weights"):
-            if entry[what] != ours[what]:
-                return (
-                    f"The {what} of {name!r} on {entry['scenario']!r} are not those that come with "
-                    "eitbench: run it again without choices and weights of your own."
-                )
+        labels[entry["scenario"], entry["name"]] = entry["track"]
         if entry["track"] not in ("default", "tuned", "calibrated"):
             return f"{entry['track']!r} is no track that is ranked."
     for table in (of.run.samples, of.run.cells):

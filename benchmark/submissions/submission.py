@@ -34,7 +34,8 @@ FOLDER = "submissions"
 
 STATED = (
     "times and memory (self-reported)",
-    "how plugins were tuned: track and trials",
+    "how methods were tuned: track and trials",
+    "that they cannot run on what they leave out",
 )
 """What is taken on trust of every submission."""
 
@@ -42,7 +43,7 @@ TRUST = (
     *STATED,
     "that its version of eitbench was not changed",
     "what methods say of their prior knowledge and differences, what they were seen to do, "
-    "parameters and weights of plugins",
+    "parameters and weights",
     "that the images are what the methods make of the frames",
     "what methods state of their uncertainty and of novel frames",
 )
@@ -87,7 +88,7 @@ def open_submission(path: Path, *, jobs: int = 1) -> Submission:
     """Read the run directory `path`, to be checked.
 
     Raises:
-        InputError: no run directory, or a run of operators.
+        InputError: no run directory, a record, a run without images, or a changed manifest.
         DataCorruptError: a table of the run is damaged.
     """
     run = read_run(path)

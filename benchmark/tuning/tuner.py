@@ -51,7 +51,7 @@ from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataUnavailableError, InputError
 from eitbench.scenarios.guard import closed_test_split
 from eitbench.scenarios.sensors.sensor import content_hash
-from eitbench.scenarios.suites.scenario import Scenario
+from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
 from eitbench.scenarios.suites.suite import Suite
 
 _log = logging.getLogger(__name__)
@@ -102,16 +102,14 @@ def tune(
         DataUnavailableError: no scenario is left.
         InputError: a method cannot be tuned, or another process tunes in `folder`.
     """
+    suite, names = plan.suite, plan.methods
     folder.mkdir(parents=True, exist_ok=True)
     with closed_test_split(), locked(folder):
-        suite = plan.suite
         asked = [suite.familiar(s) for s in suite.scenarios if s.name in plan.scenarios]
         figures = {scenario.name: _figure(scenario) for scenario in asked}
         different = {validation_key(s): s for s in reversed(asked) if figures[s.name]}
         if not different:
-            raise DataUnavailableError(
-                "There is nothing to tune on: fetch the recorded sets first."
-            )
+            raise DataUnavailableError(_nothing_to_tune_on(asked))
         groups: dict[str, list[Scenario]] = {}
         for scenario in reversed(different.values()):
             key = figures[scenario.name] if once else scenario.name
@@ -127,7 +125,7 @@ def tune(
                 budget or TuningBudget(),
             )
             for group in groups.values()
-            for name in plan.methods
+            for name in names
         ]
         used: set[Path] = set()
         yield from _run_all(studies, folder, jobs, used)
@@ -162,6 +160,15 @@ def _run_all(
         finally:
             stop.set()
             pool.shutdown(cancel_futures=True)
+
+
+def _nothing_to_tune_on(scenarios: Sequence[Scenario]) -> str:
+    if any(isinstance(scenario, RecordedScenario) for scenario in scenarios):
+        return (
+            "There is nothing to tune on: recorded sets are not here (eitbench recordings fetch), "
+            "or the scenarios have no validation samples."
+        )
+    return "There is nothing to tune on: give a scenario of the suite validation samples."
 
 
 def _figure(scenario: Scenario) -> str:

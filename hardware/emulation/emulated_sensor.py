@@ -41,7 +41,7 @@ class Touch:
 
 
 class EmulatedSensor:
-    """One unit of a sensor with all imperfections of `scenarios.imperfections.TYPICAL`, in time.
+    """One unit of a sensor with all imperfections of `imperfections.TYPICAL`, in time.
 
     Fields are solved on a finer mesh than any method uses, electrodes lie off their places, the
     material drifts and relaxes, and the board's channels are uneven, noisy and rounded.

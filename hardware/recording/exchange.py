@@ -106,6 +106,10 @@ def import_recording(
     return [f"{frames} of {values} are in {to}.", *said, *_off_sensor(content)]
 
 
+FAR = 10
+"""Sizes of a sensor that no origin is away."""
+
+
 def _off_sensor(content: Content) -> list[str]:
     """A sentence on places outside the sensor, or all at nearly the same place, if they are."""
     if why := metres_as_millimetres(content):
@@ -118,9 +122,13 @@ def _off_sensor(content: Content) -> list[str]:
         f"Places outside the sensor: {len(away)}, the first at ({x:.4g}, {y:.4g}) mm; the sensor "
         f"reaches from ({x0}, {y0}) to ({x1}, {y1}) mm."
     )
-    metres = content.labels[["x_m", "y_m"]] / 1e3
-    if not off_sensor(replace(content, labels=content.labels.assign(**metres))).size:
+    places = content.labels[["x_m", "y_m"]]
+    inside = not off_sensor(replace(content, labels=content.labels.assign(**places / 1e3))).size
+    left, bottom, right, top = content.sensor.outline.bounds
+    if inside and places.abs().to_numpy().max() > FAR * max(right - left, top - bottom):
         said += " Read as millimetres they are inside: name the columns x_mm and y_mm."
+    else:
+        said += " If their origin lies elsewhere, give it with --origin."
     return [said]
 
 

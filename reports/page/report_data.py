@@ -24,7 +24,7 @@ from eitbench.benchmark.analysis.leaderboard import Row, is_whole
 from eitbench.benchmark.analysis.overall import overall
 from eitbench.benchmark.analysis.results import (
     Run,
-    code_of,
+    code_place,
     describe_training,
     failures,
 )
@@ -443,7 +443,7 @@ def _view(label: str, standing: Standing, runs: Sequence[Run]) -> View:
             "command": _command(run_of[row["run"]], row),
             "label": name if names.count(name) == 1 else f"{name} ({row['run']})",
             "training": training[row["run"]].get(name),
-            "code": code_of(run_of[row["run"]], name),
+            "code": code_place(run_of[row["run"]], name),
         }
         for row, name in zip(standing.rows, names, strict=True)
     ]

@@ -32,7 +32,7 @@ STANDARDISING = 2
 
 
 class Suite(Declaration):
-    """A suite, of either methods or operators.
+    """A suite: it ranks methods that make images, methods of places, or operators.
 
     In a file, a table of the kind "transfer" may list `recordings`, and counts in `labelled`. It
     stands for a scenario of each recording with each count, called RECORDING-COUNT, with the name

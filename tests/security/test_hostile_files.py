@@ -272,5 +272,5 @@ def test_a_manifest_that_lacks_something_is_refused(tmp_path: Path, name: str) -
     read_manifest(tmp_path)
     with edited_manifest(tmp_path) as manifest:
         del manifest[name]
-    with pytest.raises(DataCorruptError, match=f"{name}: Field required"):
+    with pytest.raises(DataCorruptError, match=f"{name}: it is missing"):
         read_manifest(tmp_path)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from eitbench.hardware.recording.importing.sources import ALL_COLUMNS, TEXTS, Arrays
 from eitbench.scenarios.arrays import Array, Index
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import InputError, counted
 from eitbench.scenarios.recordings.files import layout
 from eitbench.scenarios.recordings.files.recording_file import label_table
 
@@ -260,8 +260,8 @@ def placed(
     else:
         raise InputError(
             f"{path} has {len(table)} rows of labels for {len(frames)} frames ({len(touched)} "
-            f"without the reference) in {len(files)} files: add a column file, frame, or first "
-            "and last (frames are counted from 0)."
+            f"without the reference) in {counted(len(files), 'file')}: add a column file, frame, "
+            "or first and last (frames are counted from 0)."
         )
     made = table.drop(columns=["file", "frame"], errors="ignore")
     start = np.array([f.start for f in of])

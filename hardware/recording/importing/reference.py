@@ -31,6 +31,11 @@ def reference_paths(given: str | None) -> list[Path]:
         return []
     if not given.strip():
         raise InputError("--reference is empty: name a file, first:N, array:NAME or none.")
+    if ":" in given and not Path(given).exists():
+        raise InputError(
+            f"--reference is {given!r}, which is no file: it names a file, or is first:N, "
+            "array:NAME or none."
+        )
     return found_files([given])[0]
 
 

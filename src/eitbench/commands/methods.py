@@ -281,14 +281,13 @@ def superposition(
 
 @app.command(epilog="Example: eitbench check noser, or: eitbench check my_operator.py")
 def check(
-    target: Annotated[
-        str, typer.Argument(metavar="METHOD|OPERATOR|FILE.py", help="What to check.")
-    ],
+    target: Annotated[str, typer.Argument(metavar="NAME|FILE.py", help="What to check.")],
     as_json: Json = False,
 ) -> None:
-    """Check that a method or operator keeps the contract; exits 1 if any check fails.
+    """Check that a method of images or places, or an operator, keeps the contract.
 
-    What a method declares in `expected_failures` is shown as xfail, with its reason.
+    Exits 1 if any check fails. What a method declares in `expected_failures` is shown as xfail,
+    with its reason.
     """
     from eitbench.benchmark.checks import check_target
 

@@ -314,6 +314,7 @@ def rescore(
 ) -> None:
     """Compute all metrics again from the stored reconstructions, without running a method."""
     from eitbench.benchmark.analysis.rescore import rescore as score_again
+    from eitbench.scenarios.errors import counted
 
     cells = score_again(run)
     for cell in cells:
@@ -324,4 +325,4 @@ def rescore(
             )
     _complete(run)
     changed, total = sum(cell.changed for cell in cells), sum(cell.n for cell in cells)
-    typer.echo(f"Scored again: {total} samples, of which {changed} changed.")
+    typer.echo(f"Scored again: {counted(total, 'sample')}, of which {changed} changed.")

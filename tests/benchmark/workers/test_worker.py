@@ -152,12 +152,18 @@ def test_a_method_is_never_given_the_test_split(tiny: Suite) -> None:
         learning_splits(tiny.scenarios[0], "test", 2)
 
 
+IMPORTS = "from eitbench.methods import Method, register\n"
+
+
 @pytest.mark.parametrize(
     ("source", "sentence"),
     [
         ("import no_such_module", "No module named 'no_such_module'"),
         ("x = (", "SyntaxError"),
-        ("x = 1", "registers no method and no operator"),
+        ("x = 1", "registers nothing: decorate a class"),
+        (f"{IMPORTS}@register\nclass A(Method): pass", 'write @register."my-name".'),
+        (f"{IMPORTS}@register('a')\nclass A(Method): pass", "A of 'a' lacks fit and reconstruct"),
+        ("import beside", "A plugin is one file: put its modules into it"),
         ("raise SystemExit(5)", "does not run: SystemExit: 5"),
         ("import sys; sys.exit(3)", "SystemExit: 3"),
         ("import os; os._exit(3)", "exit code 3"),
@@ -166,6 +172,7 @@ def test_a_method_is_never_given_the_test_split(tiny: Suite) -> None:
 def test_a_bad_plugin_is_said_in_a_sentence(source: str, sentence: str, tmp_path: Path) -> None:
     plugin = tmp_path / "bad.py"
     plugin.write_text(source)
+    (tmp_path / "beside.py").touch()
     with pytest.raises(InputError, match=sentence):
         plugin_names(plugin)
 

@@ -296,7 +296,7 @@ def test_a_run_without_plugins_has_no_folder_of_them(folder: Path) -> None:
 
 
 def test_the_documentation_names_the_suites_that_take_no_submissions() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "board.md").read_text()
+    text = (Path(__file__).parents[3] / "docs" / "board.md").read_text()
     (names,) = re.findall(r"Suites that rank images take submissions\. Those of (.*) rank", text)
     none = {name for name in suites() if load_suite(name).ranks != "methods"}
     assert set(re.findall("`(.*?)`", names)) == none

@@ -48,7 +48,7 @@ from eitbench.scenarios.phantoms.acuity import Acuity
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import Suite
 
-BOARD = Path(__file__).parents[2] / "reports" / "board"
+BOARD = Path(__file__).parents[3] / "reports" / "board"
 LOST = "e1d3911db0354d88a0b727ab1d66e10c78569b12"
 """Commit of rows of `sim2real` that is not in the history."""
 SCENARIO = SimulatedScenario(
@@ -602,7 +602,7 @@ def test_the_leaderboard_is_of_the_parameters_that_are_chosen_now() -> None:
 
 def test_records_name_commits_of_the_history() -> None:
     """The commit that makes a record again; of one, docs/board.md says that it is lost."""
-    root = Path(__file__).parents[2]
+    root = Path(__file__).parents[3]
     git = ["git", "-C", str(root)]
     shallow = [*git, "rev-parse", "--is-shallow-repository"]
     told = subprocess.run(shallow, capture_output=True, text=True, check=False).stdout
