@@ -1,6 +1,7 @@
 """Tables of novelty, from the record of the suite `novelty`."""
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import pandas as pd
@@ -11,6 +12,7 @@ from eitbench.benchmark.metrics.novelty import NOVELTY, SCORES
 from eitbench.reports.findings.novelty import by_condition, to_table
 
 _PSNR = ".1f"
+UNTOUCHED = "novelty-untouched"
 _SHOWN = (
     "familiar", "conductive", "dead-electrode", "stale-reference", "other-sensor", "untouched",
 )  # fmt: skip
@@ -31,7 +33,10 @@ def _text(value: float, form: str) -> str:
 
 
 def _table(wide: pd.DataFrame, figure: str) -> str:
-    heads = ["Method", "Score", *map(_condition, wide.columns[:-1]), "Mean of the simulated"]
+    touched = [name for name in wide if name.startswith("novelty-") and name != UNTOUCHED]
+    wide = wide.assign(touched=wide[touched].mean(axis=1))
+    heads = ["Method", "Score", *map(_condition, wide.columns[:-2]), "Mean of the simulated"]
+    heads.append("Without untouched")
     rows = [
         [f"`{method}`", SCORES[score].title.lower(),
          *(_text(value, NOVELTY[figure].form) for value in values)]
@@ -53,16 +58,26 @@ def _caught() -> str:
 
 def _ordered() -> str:
     """Means over the conditions of the simulated sensor, by method and score."""
-    stored = _scores()
-    simulated = stored[stored["scenario"].str.startswith("novelty-") & stored["ordered"].notna()]
-    wide = simulated.pivot_table("ordered", "method", "score", sort=False)
+    run = record("novelty")
+    wide = _mean_order(_scores())
     wide = wide[[name for name in SCORES if name in wide]].sort_values("residual", ascending=False)
+    # |v - v_ref| / |v_ref|, by which the two residuals differ, in the place of a residual.
+    strength = run.samples["residual"] / run.samples["relative_residual"]
+    by_strength = replace(run, samples=run.samples.assign(residual=strength))
+    stored = to_table(read_novelty(by_strength, with_intervals=False))
+    wide["strength"] = _mean_order(stored)["residual"]
     rows = [
         [f"`{method}`", *(_text(value, NOVELTY["ordered"].form) for value in values)]
         for method, values in zip(wide.index, wide.to_numpy(), strict=True)
     ]
-    heads = ["Method", *(SCORES[name].title for name in wide.columns)]
+    heads = ["Method", *(SCORES[name].title for name in wide.columns[:-1]), "Strength of the frame"]
     return printed(heads, rows, [False, *[True] * (len(heads) - 1)])
+
+
+def _mean_order(stored: pd.DataFrame) -> pd.DataFrame:
+    """The rank correlation with errors by method and score, as its mean over the simulated."""
+    simulated = stored[stored["scenario"].str.startswith("novelty-") & stored["ordered"].notna()]
+    return simulated.pivot_table("ordered", "method", "score", sort=False)
 
 
 def _images() -> str:
