@@ -56,11 +56,13 @@ class OneStep(Method):
 class GaussianStep(OneStep):
     """Base of the one-step methods with a Gaussian prior of independent pixels.
 
-    The image is the mean of the posterior N(x, s^2 (C - R J C)) of the prior N(0, s^2 C) and of
-    white noise of the variance s^2 w. What the two share, s^2, is estimated for each frame by the
-    maximum of its evidence, s^2 = dv^T (J C J^T + w I)^-1 dv / M. Draws are normal about the image
-    in S/m, by the slope of the unknown there, and may leave the sensor's range: kept within it,
-    half of them would equal the untouched background wherever this is the range's end.
+    The image is the mean of the posterior N(x, C - R J C) of the prior N(0, C) and of white noise,
+    whose variance the regularisation gives as a multiple of C. Pixels vary by the standard
+    deviation of a uniform law over the sensor's range of conductivity, in the root of the mean
+    square, which settles both. Like the posterior of any linear model, its width is the same for
+    all frames. Draws are normal about the image in S/m, by the slope of the unknown there, and may
+    leave the sensor's range: kept within it, half of them would equal the untouched background
+    wherever this is the range's end.
 
     Source: Kaipio and Somersalo, Statistical and Computational Inverse Problems (2005), sec. 3.4;
     draws as Papandreou and Yuille, NIPS 23, 2010: the prior's, corrected by their own data.
@@ -82,23 +84,23 @@ class GaussianStep(OneStep):
             noise[0, 0]
         )
         matrix = regularised_inverse(jacobian, shown, self.weight)
-        self._offsets = prior - measured @ matrix.T
-        self._precision = linalg.inv(gram + noise)
+        low, high = problem.sensor.conductivity_range
+        size = (high - low) / np.sqrt(12 * variances.mean())
+        self._offsets = size * (prior - measured @ matrix.T)
         return matrix
 
     def uncertainty(self, voltages: Array) -> Array:
         """Draws (n, K, H, W) [S/m] from the posterior of frames (n, M)."""
         linearisation, mask = self._linearisation, self._problem.mask
         data = linearisation.data(voltages)
-        scale = np.sqrt(np.einsum("nm,mk,nk->n", data, self._precision, data) / data.shape[1])
         mean = self._problem.difference(voltages, self.gain_power) @ self._matrix
         slope = linearisation.slope(np.clip(mean, *linearisation.bounds))
         draws = np.repeat(linearisation.images(mean)[:, None], DRAWS, axis=1)
         for n, frame in enumerate(data):
-            # Frames have numbers of their own, the same each time.
+            # Frames have draws of their own, the same each time.
             rng = np.random.default_rng(zlib.crc32(frame.astype(np.float32).tobytes()))
             chosen = rng.choice(OFFSETS, DRAWS, replace=False)
-            draws[n][:, mask] += scale[n] * slope[n] * self._offsets[chosen]
+            draws[n][:, mask] += slope[n] * self._offsets[chosen]
         return draws
 
 
