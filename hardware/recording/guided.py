@@ -282,7 +282,6 @@ def write_suite(path: Path, recording: Path, sensor: Sensor, board: str, *, emul
 name = {toml_string(name)}
 title = {toml_string(title)}
 methods = {json.dumps(SUITE_METHODS)}
-limit = 100
 
 [[scenarios]]
 kind = "recorded"

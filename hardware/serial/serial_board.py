@@ -30,6 +30,15 @@ _ANSWER_S = 1.0  # a board answers a command within this time
 _WRITE_S = 1.0  # a board takes a command within this time
 
 
+try:
+    import termios
+except ImportError:  # Windows
+    _GONE: tuple[type[Exception], ...] = (OSError,)
+else:
+    # Of a port that goes while it is set up; pyserial's own errors are OSErrors.
+    _GONE = (OSError, termios.error)
+
+
 def _is_pseudo_terminal(port: str) -> bool:
     path = Path(port).resolve()
     # On macOS, /dev/ttys004; ports of devices are named otherwise.
@@ -80,8 +89,8 @@ class SerialBoard(Board):
                 write_timeout=_WRITE_S,
                 exclusive=True if os.name == "posix" else None,
             )
-        except OSError as error:  # pyserial's own errors are OSErrors
-            raise ports.refused(self.port, error) from error
+        except _GONE as error:
+            raise ports.refused(self.port, OSError(*error.args)) from error
         try:
             self.firmware = self._ask_firmware()
         except BoardError:
@@ -155,7 +164,7 @@ class SerialBoard(Board):
                 f"The board on {self.port} takes no commands: see whether it is the right port, "
                 "and switch the board off and on."
             ) from error
-        except OSError as error:
+        except _GONE as error:
             self.close()
             raise BoardLostError(
                 f"The board on {self.port} is gone: it was unplugged or lost its power; plug it in "

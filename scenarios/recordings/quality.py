@@ -285,6 +285,8 @@ def _condition(content: Content, condition: Condition) -> list[str]:
     problems = []
     if not condition.complete:
         lost = f", {condition.trimmed} at its end are lost" if condition.trimmed else ""
+        if condition.unlabelled:
+            lost += f", and {counted(condition.unlabelled, 'label')} with them"
         problems.append(f"It was cut off: {len(content)} whole frames are intact{lost}.")
     if problem := damage(condition):
         problems.append(f"{problem[0].upper()}{problem[1:]}.")

@@ -75,5 +75,16 @@ def _frames(found: Diagnosis) -> list[str]:
 
 
 def corrected(found: Diagnosis, sensor: Sensor) -> Sensor:
-    """`sensor` with the pattern that the frames show."""
-    return replace(sensor, name=f"{sensor.name}-corrected", pattern=found.pattern)
+    """`sensor` as the frames show it, with its electrodes in the order of the board's numbers.
+
+    Boards read a pattern in their own numbers: were only the pattern corrected, a board would be
+    told to drive other electrodes.
+    """
+    numbers = found.wiring.numbers(len(sensor.electrodes))
+    of_board = np.argsort(numbers)
+    return replace(
+        sensor,
+        name=f"{sensor.name}-corrected",
+        electrodes=tuple(sensor.electrodes[k] for k in numbers.tolist()),
+        pattern=replace(found.pattern, table=of_board[found.pattern.table]),
+    )

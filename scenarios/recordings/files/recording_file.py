@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.arrays import Array, Mask
 from eitbench.scenarios.errors import DataCorruptError, InputError, UnreadableError
 from eitbench.scenarios.recordings.files import layout
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -68,12 +68,14 @@ class Condition:
     Attributes:
         complete: it was closed as it should be.
         trimmed: frames at its end that were not written whole, and are left out.
+        unlabelled: labels of such frames, which are left out with them.
         damaged: rows of frames whose checksum is wrong.
         sealed: a complete file still holds what it held when it was closed.
     """
 
     complete: bool
     trimmed: int
+    unlabelled: int
     damaged: tuple[int, ...]
     sealed: bool
 
@@ -96,6 +98,12 @@ def read_file(path: Path) -> tuple[Content, Condition]:
     complete = bool(parts[layout.COMPLETE])
     kept = n if complete else max(np.flatnonzero(~wrong).tolist(), default=-1) + 1
     number, time_s, received_s, values = (column[:kept] for column in columns)
+    reference, labels = parts[layout.REFERENCE], table_of(parts[layout.LABELS])
+    whole: Mask = np.ones(len(labels), dtype=bool)
+    if not complete:
+        reference = reference[reference < kept]
+        rows = labels[["first", "last", "reference_first", "reference_last"]].to_numpy()
+        whole = np.all(rows < kept, axis=1)
     digest = layout.content_digest(header, hashlib.sha256(frames[:kept].tobytes()).digest(), parts)
     content = Content(
         **(header | {"sensor": sensor}),
@@ -103,13 +111,14 @@ def read_file(path: Path) -> tuple[Content, Condition]:
         time_s=time_s,
         received_s=received_s,
         values=values,
-        reference=parts[layout.REFERENCE],
-        labels=table_of(parts[layout.LABELS]),
+        reference=reference,
+        labels=labels[whole].reset_index(drop=True),
         events=table_of(parts[layout.EVENTS]),
     )
     condition = Condition(
         complete=complete,
         trimmed=max(lengths) - kept,
+        unlabelled=int((~whole).sum()),
         damaged=tuple(np.flatnonzero(wrong[:kept]).tolist()),
         sealed=complete and digest.encode() == bytes(parts[layout.SHA256]),
     )

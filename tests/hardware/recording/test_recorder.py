@@ -20,7 +20,7 @@ from eitbench.scenarios.recordings.files.recording_file import Condition, read_f
 from eitbench.scenarios.sensors.sensor import Sensor
 
 Frames = Callable[[int], list[Frame]]
-WHOLE = Condition(complete=True, trimmed=0, damaged=(), sealed=True)
+WHOLE = Condition(complete=True, trimmed=0, unlabelled=0, damaged=(), sealed=True)
 
 
 def record(path: Path, skin: Sensor, frames: list[Frame]) -> None:

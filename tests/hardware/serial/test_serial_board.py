@@ -1,5 +1,7 @@
 """Boards on a serial port: unplugged, taken, at a wrong rate, with another protocol, too fast."""
 
+import errno
+import termios
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -47,6 +49,24 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serial_board, "_PATIENCE_S", 0.1)
     monkeypatch.setattr(serial_board, "_ANSWER_S", 0.1)
     monkeypatch.setattr(serial_board, "_SILENCE_S", 0.1)
+
+
+def test_a_port_that_goes_while_it_is_set_up_is_lost_in_a_sentence(
+    serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """pyserial then lets the error of termios through, which is no OSError."""
+
+    def gone(*arguments: object, **more: object) -> None:
+        raise termios.error(errno.EIO, "Input/output error")
+
+    port = serve("teensy", 40.0).port
+    with on("teensy", port) as board, monkeypatch.context() as patched:
+        patched.setattr(board._serial, "reset_input_buffer", gone)
+        with pytest.raises(BoardLostError, match="is gone"):
+            board.start()
+    monkeypatch.setattr("serial.Serial", gone)
+    with pytest.raises(BoardError, match=r"cannot be opened \(Input/output error\)"):
+        on("teensy", port).open()
 
 
 def test_a_board_measures_while_it_is_told_to(name: str, serve: Serve, stream: Any) -> None:

@@ -15,7 +15,7 @@ from eitbench.hardware.board import Frame
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios import forward_model, sensor
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, EitbenchError
-from eitbench.scenarios.recordings.files.own import own_set
+from eitbench.scenarios.recordings.files.own import own_set, undamaged
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.recordings.quality import check, suspect_electrodes
 from eitbench.scenarios.sensors.patterns import offset_pattern
@@ -229,6 +229,27 @@ def killed(sound: Path, folder: Path) -> Path:
             time.sleep(0.05)
         (folder / "killed.h5").write_bytes((folder / "running.h5").read_bytes())
     return folder / "killed.h5"
+
+
+def test_labels_of_a_frame_that_was_cut_off_go_with_it(sound: Path, tmp_path: Path) -> None:
+    values = read_file(sound)[0].values
+    running, cut = tmp_path / "running.h5", tmp_path / "cut.h5"
+    with Recorder(running, sensor("foam16"), "fake") as recorder:
+        for k, frame in enumerate(values):
+            recorder.append(Frame(k, k / 10, k / 10, frame))
+        recorder.mark_reference(0, 3)
+        for row in (N - 2, N - 1):
+            recorder.label(row, row, x_m=0.05, y_m=0.05)
+        while len(read_file(running)[0].labels) < 2:
+            time.sleep(0.05)
+        content = running.read_bytes()
+    last = content.rindex(values[-1].tobytes())
+    cut.write_bytes(content[:last] + b"x" + content[last + 1 :])
+    kept, condition = read_file(cut)
+    assert (len(kept), condition.trimmed, condition.unlabelled) == (N - 1, 1, 1)
+    assert kept.labels["first"].tolist() == [N - 2]
+    assert undamaged(cut)[0].reference.tolist() == [0, 1, 2, 3]
+    assert "1 at its end are lost, and 1 label with them" in check(cut)[0][0]
 
 
 @pytest.mark.slow

@@ -12,7 +12,12 @@ from hypothesis import strategies as st
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.physics.forward import forward_model, signed_voltages
 from eitbench.scenarios.sensors.outlines import Disc, rectangle
-from eitbench.scenarios.sensors.patterns import offset_pattern, opposition_pattern, ring_pattern
+from eitbench.scenarios.sensors.patterns import (
+    DrivePattern,
+    offset_pattern,
+    opposition_pattern,
+    ring_pattern,
+)
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 from eitbench.scenarios.sensors.sensor_file import read_sensor, sensor_to_toml
 from eitbench.scenarios.wiring.diagnosis import diagnose
@@ -224,6 +229,21 @@ def test_a_corrected_sensor_file_is_read_again(tmp_path: Path) -> None:
     before, after = (forward_model(s) for s in (sensor, back))
     np.testing.assert_allclose(
         after.voltages(after.background), before.voltages(before.background), rtol=1e-6
+    )
+
+
+def test_a_corrected_sensor_keeps_the_pattern_that_the_board_was_told() -> None:
+    """The board's electrode k is number 2 - k of the sensor, and two are interchanged."""
+    wiring = Wiring(0, 2, -1, (1, 4))
+    told = UNEVEN.pattern.table
+    numbers = wiring.numbers(len(UNEVEN.electrodes))
+    measured = replace(UNEVEN, pattern=DrivePattern(numbers[told]))
+    found = diagnose(_frames(measured), UNEVEN)
+    sensor = corrected(found, UNEVEN)
+    np.testing.assert_array_equal(sensor.pattern.table, told)
+    there, here = (forward_model(s) for s in (measured, sensor))
+    np.testing.assert_allclose(
+        here.voltages(here.background), there.voltages(there.background), rtol=1e-9
     )
 
 
