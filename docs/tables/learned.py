@@ -22,7 +22,7 @@ _TRAININGS = {
     "dnn-large": "a larger U-Net, on 240,000 samples, with the loss `log-mse`",
     "learned-gn-large": "refines the image of `dnn-large` once, with the loss `log-mse`",
     "coarse-to-fine": "refines NOSER's images",
-    "dnn-randomised": "continues `dnn` on units with imperfections",
+    "dnn-randomised": "continues `dnn` on units with imperfections, with the loss `log-mse`",
     "learned-proximal": "three unrolled steps",
     "fno": "a Fourier neural operator",
     "latent-flow": "a conditional normalising flow over principal components of images",
