@@ -189,7 +189,7 @@ def in_words(found: Changes, why: Mapping[str, str]) -> list[str]:
 
 def _run(origin: manifest.Manifest) -> Any:
     """What tells runs apart: the second in which they began, their command and their commit."""
-    return origin["started"], origin["command_line"], origin["git_commit"]
+    return origin["started"], origin["git_commit"]
 
 
 def _machine(origin: manifest.Manifest) -> Any:
