@@ -188,7 +188,7 @@ def in_words(found: Changes, why: Mapping[str, str]) -> list[str]:
 
 
 def _run(origin: manifest.Manifest) -> Any:
-    """What tells runs apart: the second in which they began, their command and their commit."""
+    """What tells runs apart: the second in which they began, and their commit."""
     return origin["started"], origin["git_commit"]
 
 
