@@ -59,10 +59,10 @@ class GaussianStep(OneStep):
     The image is the mean of the posterior N(x, C - R J C) of the prior N(0, C) and of white noise,
     whose variance the regularisation gives as a multiple of C. Pixels vary by the standard
     deviation of a uniform law over the sensor's range of conductivity, in the root of the mean
-    square, which settles both. Like the posterior of any linear model, its width is the same for
-    all frames. Draws are normal about the image in S/m, by the slope of the unknown there, and may
-    leave the sensor's range: kept within it, half of them would equal the untouched background
-    wherever this is the range's end.
+    square, which settles both. Like the posterior of any linear model, its width in the unknown is
+    the same for all frames. Draws are normal about the image in S/m, by the slope of the unknown
+    there, and may leave the sensor's range: kept within it, half of them would equal the untouched
+    background wherever this is the range's end.
 
     Source: Kaipio and Somersalo, Statistical and Computational Inverse Problems (2005), sec. 3.4;
     draws as Papandreou and Yuille, NIPS 23, 2010: the prior's, corrected by their own data.
