@@ -101,10 +101,6 @@ class Registry(Generic[Base]):
                     f"{name!r} is registered on {cls!r}, which is not a subclass of "
                     f"{self.base.__name__}."
                 )
-            if lacking := sorted(getattr(cls, "__abstractmethods__", ())):
-                raise InputError(
-                    f"The class {cls.__name__} of {name!r} lacks {' and '.join(lacking)}."
-                )
             if not cls.__module__.startswith("eitbench.methods."):
                 for registry in registries():
                     registry.import_built_in()  # their names are taken before a plugin's
@@ -119,6 +115,10 @@ class Registry(Generic[Base]):
                         f"The name {name!r} is taken by {taken.__module__} ({registry.kind}): "
                         "choose another."
                     )
+            if lacking := sorted(getattr(cls, "__abstractmethods__", ())):
+                raise InputError(
+                    f"The class {cls.__name__} of {name!r} lacks {' and '.join(lacking)}."
+                )
             self._registered[name] = cls
             return cls
 

@@ -125,7 +125,7 @@ def test_images_are_as_many_and_as_large_as_the_manifest_says(
 ) -> None:
     """12 MB of texts of variable length took 13 GiB, 6.5 MB of gzip 6.5 GiB."""
     change(run, part, make)
-    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5 cannot be read"):
+    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5 is damaged"):
         read_run(run).estimates("conductivity-set", "some", range(3))
 
 
@@ -136,7 +136,7 @@ def test_images_are_as_many_and_as_large_as_the_manifest_says(
 def test_images_have_a_place_and_a_background(run: Path, name: str, value: object) -> None:
     with h5py.File(run / "reconstructions.h5", "r+") as file:
         file["conductivity-set/truth"].attrs[name] = value
-    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5 cannot be read"):
+    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5 is damaged"):
         read_run(run).scene("conductivity-set", [0])
 
 
@@ -181,7 +181,7 @@ def test_a_manifest_cannot_ask_for_memory_without_end(run: Path) -> None:
         group = file["conductivity-set/some"]
         group.create_dataset("conductivity", shape, "<f4", chunks=(1, 200, 200))
     assert 4 * np.prod(shape, dtype=float) > MOST_BYTES
-    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5 cannot be read"):
+    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5 is damaged"):
         read_run(run).estimates("conductivity-set", "some", range(100_000))
 
 

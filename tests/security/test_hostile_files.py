@@ -149,7 +149,7 @@ def images(path: Path, size: int) -> Run:
 
 def test_images_that_were_never_written_take_no_memory(tmp_path: Path) -> None:
     assert images(tmp_path, 64).estimates("s", "m", range(3)) is not None
-    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5 cannot be read"):
+    with pytest.raises(DataCorruptError, match=r"reconstructions\.h5 is damaged"):
         images(tmp_path, 100_000).estimates("s", "m", range(3))
 
 

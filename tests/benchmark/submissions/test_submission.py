@@ -343,7 +343,7 @@ def copy_the_truth(run: Path, method: str = "my-noser") -> None:
         (set_attribute("background", 0.5), FRAMES, "another 'background' than ours"),
         (set_attribute("data_range", 9.0), FRAMES, "another 'data_range' than ours"),
         (set_attribute("bounds", [0.0, 0.0, 9.0, 9.0]), FRAMES, "another 'bounds' than ours"),
-        (blank_the_mask, FRAMES, "cannot be read"),
+        (blank_the_mask, FRAMES, "is damaged: run the suite again"),
         (skip_a_method, ROWS, "'my-noser' was not run on 'tiny'"),
         (set_in_cells("track", "oracle"), TRACKS, "The track of 'my-noser'"),
         (edit_samples(lambda t: t.assign(suite="paper")), TRACKS, "of another suite"),

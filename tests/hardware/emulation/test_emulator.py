@@ -201,5 +201,5 @@ def test_the_documented_script_is_read(tmp_path: Path) -> None:
     path = tmp_path / "touches.toml"
     path.write_text(text.split("```toml\n")[1].split("```")[0])
     script = read_script(path, foam16())
-    assert script.at(4.9) == script.at(8.0) == []
-    assert script.at(5.0) == [Touch(0.03, 0.06, 0.006, 20e3)]
+    assert script.at(19.9) == script.at(30.0) == []
+    assert script.at(20.0) == [Touch(0.03, 0.06, 0.006, 20e3)]

@@ -66,7 +66,7 @@ def test_a_failed_method_is_not_testable_and_its_own_sentence_says_why(
     build.samples[0]["message"] = "InputError: 'phydnn' has no weights: train them"
     found = findings(build.write())["table2-phydnn"]
     assert found.verdict is Verdict.untestable
-    assert "1 samples failed" in found.why
+    assert "1 sample failed" in found.why
     assert found.why.endswith("InputError: 'phydnn' has no weights: train them.")
 
 

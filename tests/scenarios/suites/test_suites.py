@@ -249,7 +249,7 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
     [
         ('title = "My suite"', 'titel = "My suite"', "titel", "'title'"),
         ('name = "mine"', 'name = "My Suite"', "name", "small letters"),
-        ('methods = ["noser"]', 'methods = "noser"', "methods", "array"),
+        ('methods = ["noser"]', 'methods = "noser"', "methods", "it is a list"),
         ("", 'fit_limit_s = "3"\n', "fit_limit_s", "valid number"),
         ("", "limit = true\n", "limit", "valid integer"),
         ('title = "My suite"', "title = 2020-01-01", "title", "valid string"),
@@ -257,7 +257,7 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
         ("train = 0", 'train = "0"', "scenarios[0].train", "valid integer"),
         ("test = 6", "test = 0", "scenarios[0].test", "at least 1 test sample"),
         ("test = 6", "test = 6\nimage_shape = [40, 6]", "scenarios[0].image_shape", "7 x 7"),
-        ('methods = ["noser"]', "methods = []", "methods", "at least 1"),
+        ('methods = ["noser"]', "methods = []", "methods", "it is empty"),
         ("", "limit = 0\n", "limit", "greater than or equal to 1"),
         ("", "first = { noser = 0 }\n", "first.noser", "greater than or equal to 1"),
         ("", "first = { nosr = 6 }\n", "first", "none of the `methods`"),
@@ -277,7 +277,7 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
             "whose sensor, image or range",
         ),
         ('["circle", "ring"]', '["circle", "rign"]', "scenarios[1].families", "'ring'"),
-        ('["circle", "ring"]', "[]", "scenarios[1].families", "at least 1"),
+        ('["circle", "ring"]', "[]", "scenarios[1].families", "it is empty"),
         ('["circle", "ring"]', "[3]", "scenarios[1].families[0]", "valid string"),
         ('"ring"]', SLIT.replace("height", "hight"), SIZES, "'rectangle' are width, height"),
         ('"ring"]', SLIT.replace("0.5]", "1.5]"), SIZES, "a fraction of the sensor's side"),
@@ -334,7 +334,7 @@ def test_own_suite_by_path(tmp_path: Path) -> None:
         ('kind = "simulated"', "", "scenarios[0].kind", "'recorded'"),
         ("methods =", 'operators = ["fem"]\nmethods =', "operators", "either `methods` or"),
         ('methods = ["noser"]', "", "operators", "either `methods` or `operators`"),
-        ('methods = ["noser"]', "operators = []", "operators", "at least 1"),
+        ('methods = ["noser"]', "operators = []", "operators", "it is empty"),
     ],
 )
 def test_a_bad_suite_file_is_named_with_the_field(
