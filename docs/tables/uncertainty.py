@@ -107,7 +107,8 @@ def _rungs(name: str) -> str:
     heads = []
     for method in methods:
         title = "*ceiling*" if method == CEILING else f"`{method}`"
-        heads.append(f"{title}, n = {most[method]}")
+        few = most[method] < max(most.values())
+        heads.append(f"{title}, n = {most[method]}" if few else title)
     known = [k for k in range(len(heads)) if any(row[1 + k] != "–" for row in rows)]
     rows = [[row[0], *(row[1 + k] for k in known)] for row in rows]
     heads = ["rung", *(heads[k] for k in known)]
