@@ -64,8 +64,8 @@ UNCERTAINTY = {
             "posterior. Draws that avoid each other, such as evenly spaced quantiles, can, by a "
             "few per cent. Mostly a figure of the error: a better image without a word on its "
             "spread can win. Blind to whether neighbouring pixels vary together. Frames that fail "
-            "are charged what certainty of an untouched sensor gets; there are methods with less "
-            "to say.",
+            "are charged the score of a certain image of the untouched sensor, which some methods "
+            "do not reach.",
         ),
         *(
             MetricSpec(

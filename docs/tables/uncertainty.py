@@ -115,7 +115,7 @@ def _rungs(name: str) -> str:
     return printed(heads, rows, [False, *[True] * len(known)])
 
 
-def _certainty() -> str:
+def _of_untouched() -> str:
     """What certain images of the untouched sensor would get on `noise`, and who is worse."""
     scenario, found = scenario_by_name("noise-50db"), []
     assert isinstance(scenario, SimulatedScenario)
@@ -154,7 +154,7 @@ TABLES = {
     "uncertainty on noise": lambda: _table("noise", _PIXELS, NOISE),
     "uncertainty of places on noise": lambda: _table("noise", _PLACES, NOISE),
     "aims of uncertainty": _aims,
-    "uncertainty of certainty": _certainty,
+    "CRPS of the untouched sensor": _of_untouched,
     "CRPS on rungs": lambda: _rungs("crps"),
     "pixels in intervals on rungs": lambda: _rungs("coverage_95"),
     "places in regions on rungs": lambda: _rungs("place_coverage_95"),

@@ -64,7 +64,7 @@ def check(
 
     Nothing that it holds is run or unpickled, unless --rerun asks for its plugins to be run.
     """
-    from eitbench.benchmark.submissions.check import Check, check_submission
+    from eitbench.benchmark.submissions.check import check_submission
     from eitbench.benchmark.submissions.rerun import (
         LEAST_REPRODUCED,
         note_reproduced,
@@ -76,20 +76,21 @@ def check(
     from eitbench.benchmark.submissions.tiers import reproduced_on
 
     submission = open_submission(run, jobs=jobs)
-    checks, unable = check_submission(submission), list[Check]()
+    checks = check_submission(submission)
+    acceptable = not any(check_of.problem for check_of in checks)
     # A plugin is code of somebody else: it runs only where all that can be read is right.
-    if rerun is not None and not any(check_of.problem for check_of in checks):
+    if rerun is not None and acceptable:
         again = run_again(submission, rerun, isolate=isolate)
-        if any(check_of.refutes for check_of in again):
+        if refuted := any(check_of.refutes for check_of in again):
             withdraw_reproduced(run)
-        checks, unable = checks + again, [one for one in again if not one.refutes]
+        acceptable = not refuted
+        checks += again
     for check_of in checks:
         print_check("failed" if check_of.problem else "passed", check_of.name, check_of.problem)
-    problems = [check_of for check_of in checks if check_of.problem]
-    if problems and set(problems) <= set(unable):
-        fail(f"{run} could not be run again here: its tier stays as it was.", 1)
-    if problems:
+    if not acceptable:
         fail(f"{run} cannot be accepted as a submission.", 1)
+    if any(check_of.problem for check_of in checks):
+        fail(f"{run} could not be run again here: its tier stays as it was.", 1)
     _print_trust(submission)
     if rerun is None:
         if told := reproduced_on(submission.run):
