@@ -56,11 +56,17 @@ def is_noted(folder: Path) -> bool:
     if not sums.is_file():
         return False
     files = [sums, *sorted(path for path in folder.iterdir() if path.is_file())]
-    return _is_noted(folder, tuple((path.name, path.stat().st_mtime_ns) for path in files))
+    return _is_noted(folder, tuple((path.name, *_state_of(path)) for path in files))
+
+
+def _state_of(path: Path) -> tuple[int, ...]:
+    """What changes with a file: the time of its last change alone can be set, or be a tick old."""
+    of = path.stat()
+    return of.st_size, of.st_mtime_ns, of.st_ctime_ns, of.st_ino
 
 
 @lru_cache(maxsize=64)
-def _is_noted(folder: Path, _state: tuple[tuple[str, int], ...]) -> bool:
+def _is_noted(folder: Path, _state: tuple[tuple[str | int, ...], ...]) -> bool:
     """`is_noted`, kept for as long as no file changes: it is asked for every row of a board."""
     _check(folder)
     return True

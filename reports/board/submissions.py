@@ -112,7 +112,9 @@ def _without_folder(command: str) -> str:
     words = []
     for word in shlex.split(command):
         option, equals, value = word.rpartition("=")  # --out=RUN
-        words.append(option + equals + (Path(value).name if Path(value).is_absolute() else value))
+        # The address of a cluster is no path; its name would be lost with what stands before it.
+        path = "/" in value and "://" not in value
+        words.append(option + equals + (Path(value).name if path else value))
     return shlex.join(words)
 
 

@@ -52,7 +52,21 @@ class Measured:
     def machine(self) -> str:
         """The processor that times were taken on, and whether other cells shared it."""
         shared = ", which other cells shared" if self.row.get("timed") == SHARED else ""
-        return f"{self.run.manifest['machine']['cpu']}{shared}"
+        return f"{self.row['machine'] or self.run.manifest['machine']['cpu']}{shared}"
+
+
+def same_machine(*every: Measured) -> str:
+    """The processor that the times of all were taken on.
+
+    Raises:
+        NotMeasuredError: they are of several, whose times do not compare.
+    """
+    first, *others = dict.fromkeys(measured.machine for measured in every)
+    if others:
+        raise NotMeasuredError(
+            f"Times of {first} and of {others[0]} do not compare: run both on one machine."
+        )
+    return first
 
 
 class Evidence:
@@ -142,6 +156,22 @@ class Evidence:
         """Figures `names` (k) of `first` minus those of `second`, per sample: (n, k).
 
         Raises:
+            NotMeasuredError, InputError: as `both`.
+        """
+        measured, (one, other) = self.both(kind, first, second, names, scenario)
+        return measured, one - other
+
+    def both(
+        self,
+        kind: RunKind,
+        first: str,
+        second: str,
+        names: Sequence[str],
+        scenario: str = SCENARIO,
+    ) -> tuple[Measured, NDArray[np.float64]]:
+        """Figures `names` (k) of both on the same frames, and what there is of `first`: (2, n, k).
+
+        Raises:
             NotMeasuredError: one of them was not measured, or not on the same frames.
             InputError: as `of`.
         """
@@ -157,5 +187,5 @@ class Evidence:
         both = known[0].merge(known[1], on=keys, suffixes=("", "_other"))
         if not len(one.samples) == len(other.samples) == len(both):
             raise NotMeasuredError(f"{first!r} and {second!r} were not run on the same frames.")
-        difference = [both[name] - both[f"{name}_other"] for name in names]
-        return one, np.stack(difference, axis=1)
+        figures = [both[[f"{name}{side}" for name in names]] for side in ("", "_other")]
+        return one, np.stack(figures)

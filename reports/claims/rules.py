@@ -29,7 +29,13 @@ from eitbench.reports.claims.claim import (
     together,
     towards,
 )
-from eitbench.reports.claims.evidence import SCENARIO, Evidence, Measured, NotMeasuredError
+from eitbench.reports.claims.evidence import (
+    SCENARIO,
+    Evidence,
+    Measured,
+    NotMeasuredError,
+    same_machine,
+)
 from eitbench.reports.studies.summaries import training_budget
 from eitbench.reports.tables.published import BETA, BETA_OF_MEANS, RATIO, TABLE_I, TABLE_II
 
@@ -115,10 +121,11 @@ def _intervals(
 
 
 def _tested(figure: Figure, interval: Interval, met: Range, n: int) -> Figure:
+    ends = [interval.low, interval.high]
     return replace(
         figure,
         ours=interval.value,
-        interval=[interval.low, interval.high],
+        interval=ends if np.isfinite(ends).all() else None,  # samples of one session have none
         verdict=met.test(interval, n),
     )
 
@@ -183,8 +190,8 @@ def operator_order(evidence: Evidence) -> Judgement:
 
 def operator_ratio(evidence: Evidence) -> Judgement:
     """Test the ratio of the errors of the Jacobian and the surrogate, on either side."""
-    surrogate, jacobian = (evidence.of(OPERATOR_RUNS, name) for name in ("surrogate", "jacobian"))
-    errors = np.stack([one.samples["mse"] for one in (jacobian, surrogate)], axis=1)
+    surrogate, both = evidence.both(OPERATOR_RUNS, "surrogate", "jacobian", ["mse"])
+    errors = both[::-1, :, 0].T
     (ratio,) = _intervals(errors, surrogate.samples["cluster"], _ratios)
     met = around(RATIO, **RATIO_TOLERANCE)
     figure = _tested(RATIO_FIGURE, ratio, met, len(errors))
@@ -272,6 +279,10 @@ def phydnn_over_dnn_with_seeds(evidence: Evidence) -> Judgement:
         for row in study["rows"]
         if row["scenario"] == SCENARIO and row["physics"] == "surrogate"
     }
+    if lacking := [name for name in IMAGE_METRICS if name not in rows]:
+        raise NotMeasuredError(
+            f"The study 'physics' has no {lacking[0]!r} of PhyDNN on the suite {SCENARIO!r}."
+        )
     n = rows["psnr"]["n"]
     figures = _sides(
         "PhyDNN minus DNN",
@@ -357,7 +368,14 @@ def loss_curves(columns: Sequence[str], evidence: Evidence) -> Judgement:
     curves = {name: curve.set_index("epoch") for name, curve in evidence.curves().items()}
     figures, told = [], []
     for figure, column in zip(curve_figures(columns), columns, strict=True):
+        if lacking := [name for name, curve in curves.items() if column not in curve]:
+            raise NotMeasuredError(f"The learning curve of {lacking[0]!r} has no {column!r}.")
         both = (curves["phydnn"][column] - curves["dnn"][column]).loc[WARM_UP_EPOCHS + 1 :].dropna()
+        if both.empty:
+            raise NotMeasuredError(
+                f"The learning curves have no epoch after the warm-up of {WARM_UP_EPOCHS}: train "
+                "for more epochs."
+            )
         lower = float((both < 0).mean())
         figures.append(replace(figure, ours=lower, verdict=_of_share(lower)))
         told.append(f"{int((both < 0).sum())} of {len(both)} epochs ({column.replace('_', ' ')})")
@@ -397,7 +415,7 @@ def exact_gradient(evidence: Evidence) -> Judgement:
         f"{ratio:.2g} times the surrogate's time "
         f"({exact.row['grad_ms']:.2g} against {learned.row['grad_ms']:.2g} ms); the surrogate's "
         f"{error} with it is {learned.row['grad_cosine']:.3f}.",
-        conditions=f"one thread of {exact.machine}",
+        conditions=f"one thread of {same_machine(exact, learned)}",
     )
 
 
@@ -420,7 +438,7 @@ def frame_rate(evidence: Evidence) -> Judgement:
     return _judged(
         figures,
         f"99 % of warm single frames take at most {times}; the board's own time is not in them.",
-        conditions=f"one thread of {both[0].machine}",
+        conditions=f"one thread of {same_machine(*both)}",
     )
 
 
@@ -437,7 +455,7 @@ def unsupervised_rate(evidence: Evidence) -> Judgement:
         f"`dip` minimises the published loss with alpha = 0 for every frame, through the exact "
         f"model: {rates[0]:.2g} frames per second. A network that is trained with alpha = 0 is "
         f"PhyDNN's, and takes its time: {rates[1]:.2g}. The sensor makes {FRAMES_PER_SECOND:.0f}.",
-        conditions=f"one thread of {both[0].machine}",
+        conditions=f"one thread of {same_machine(*both)}",
     )
 
 
@@ -445,6 +463,8 @@ def best_beta(evidence: Evidence) -> Judgement:
     """Say what the study `beta` found; smaller studies than the published one test nothing."""
     study = evidence.study("beta")
     rows = sorted((r for r in study["rows"] if "score" in r), key=lambda row: row["beta"])
+    if not rows:
+        raise NotMeasuredError("The study 'beta' has no training that came to its end.")
     betas, scores = (np.array([row[key] for row in rows]) for key in ("beta", "score"))
     best = int(np.argmax(scores))
     lacking = ["one seed"]

@@ -23,7 +23,8 @@ def write_losses(curves: Mapping[str, pd.DataFrame], folder: Path) -> list[Path]
     """Draw `losses.png` and `losses.pdf` from the learning curves of "dnn" and "phydnn".
 
     Above, each loss of both over the epochs; below, how much lower or higher it is with the
-    physical loss, in percent of what it is without.
+    physical loss, in percent of what it is without. Losses that were not noted have no line: a
+    training that is told of no operator has no physical ones.
     """
     from matplotlib.ticker import MaxNLocator
 
@@ -34,10 +35,13 @@ def write_losses(curves: Mapping[str, pd.DataFrame], folder: Path) -> list[Path]
         for split, name in zip(_COLOURS, names, strict=True):
             for method, style in (("dnn", "--"), ("phydnn", "-")):
                 curve = curves[method]
+                if name not in curve:
+                    continue
                 label = f"{'PhyDNN' if method == 'phydnn' else 'DNN'}, {split}"
                 above.plot(curve["epoch"], curve[name], style, color=_COLOURS[split], label=label)
-            percent = difference_percent(curves, name)
-            below.plot(percent.index, percent, color=_COLOURS[split], label=split)
+            if all(name in curve for curve in curves.values()):
+                percent = difference_percent(curves, name)
+                below.plot(percent.index, percent, color=_COLOURS[split], label=split)
         above.set_yscale("log")
         below.axhline(0, color="0.4", lw=0.8)
         first = column == 0

@@ -14,7 +14,7 @@ from eitbench.benchmark.analysis.overall import MIN_SCENARIOS, mid_ranks
 from eitbench.benchmark.analysis.results import failures
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
 from eitbench.benchmark.submissions.hidden import is_retired, published_keys, read_hidden
-from eitbench.benchmark.submissions.tiers import is_ranked, tier
+from eitbench.benchmark.submissions.tiers import board_of, is_ranked, tier
 from eitbench.reports.page.answer import MOST_ANSWERS, answer, summary, tied_with_first
 from eitbench.reports.page.report_data import counted_data
 from eitbench.reports.site.edition import Edition, SuitePart, method_file, name_of
@@ -209,7 +209,9 @@ def matrix_table(suite: SuitePart) -> Table | None:
 
 def hidden_table(suite: SuitePart) -> Table | None:
     """Methods on the open and on a hidden test set; None where none was drawn."""
-    version = suite.runs[0].path.resolve().parent
+    version = board_of(suite.runs[0].path)
+    if version is None:
+        return None
     keys = published_keys(version)
     found = [
         (gap, "key published" if is_retired(keys, record.key) else "key secret")

@@ -113,12 +113,16 @@ def test_a_submission_names_no_folder_of_its_author(run: Path, tmp_path: Path) -
     shutil.copytree(run, typed)
     with edited_manifest(typed) as content:
         plugin = content["plan"]["plugins"][0]["path"]
-        content["command_line"] = f"eitbench run mine --plugin {plugin} --out={typed}"
+        content["command_line"] = (
+            f"eitbench run ../client/mine.toml --plugin {plugin} --out={typed} --scheduler tcp://a:1"
+        )
     out = tmp_path / "out"
     write_submission(typed, out)
     content = json.loads((out / "manifest.json").read_text())
     assert content["plan"]["plugins"][0]["path"] == "gentle.py"
-    assert content["command_line"] == "eitbench run mine --plugin gentle.py --out=run"
+    assert content["command_line"] == (
+        "eitbench run mine.toml --plugin gentle.py --out=run --scheduler tcp://a:1"
+    )
     for path in out.rglob("*.json"):
         assert str(run.parent) not in path.read_text()
         assert str(tmp_path) not in path.read_text()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from tests.support.made_runs import made
 
 from eitbench.benchmark import EitbenchError, InputError
 from eitbench.benchmark.studies import architecture
@@ -117,7 +118,9 @@ def test_figures_of_studies_and_training_stand_beside_the_ledger(
     assert found["studies"] == [summary]
     (claim,) = (c for c in found["claims"] if c["id"] == "best-beta")
     assert claim["figures"][0]["ours"] == betas[0]
-    page = page_of(found, runs, tmp_path / "out", {"dnn": curve, "phydnn": curve})
+    told_of_no_operator = curve.drop(columns=["train_physical", "validation_physical"])
+    curves = {"dnn": told_of_no_operator, "phydnn": curve}
+    page = page_of(found, runs, tmp_path / "out", curves)
     assert page.tags.count("img") == 2
     assert page.loaded == []
     for stem in ("study-beta", "losses"):
@@ -164,6 +167,19 @@ def test_the_files(found: Ledger, runs: list[Path], tmp_path: Path) -> None:
     assert json.loads(written[1].read_text()) == found
     with pytest.raises(EitbenchError, match="claim ledger"):
         write_ledger(found, runs, written[0] / "below")
+
+
+def test_figures_of_one_session_have_no_interval(build: Any, tmp_path: Path) -> None:
+    """The first two or three touches of a scenario are of one session."""
+    few = made("conductivity", 3, scenario="paper", inverse_crime=True)
+    few.samples["cluster"] = "one"
+    build.suite = "paper"
+    build.add(few, "phydnn", np.array(few.conductivity))
+    found = claim_ledger([build.write()])
+    write_ledger(found, [build.path], tmp_path / "out")
+    (claim,) = (of for of in found["claims"] if of["id"] == "table2-phydnn")
+    assert claim["verdict"] == "undecided"
+    assert all(of["ours"] is not None and of["interval"] is None for of in claim["figures"])
 
 
 def test_the_page_needs_nothing_else_and_shows_names_as_they_are(

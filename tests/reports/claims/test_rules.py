@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from scipy.ndimage import gaussian_filter
 from tests.reports.claims.conftest import NAMES, N, findings
+from tests.support.made_runs import write_operators
 
 from eitbench.reports.claims.claim import (
     Verdict,
@@ -37,6 +38,18 @@ def test_a_small_study_finds_no_best_beta_and_says_why() -> None:
     assert (found.verdict, found.figures[0].ours) == (Verdict.untestable, 0.01)
     for reason in ("one seed", "4000 training samples", "12 epochs", "9.4e-05 in our units"):
         assert reason in found.why
+
+
+@pytest.mark.parametrize(
+    ("name", "claim", "why"),
+    [("beta", "best-beta", "no training that came to its end"),
+     ("physics", "phydnn-over-dnn-seeds", "no 'ssim' of PhyDNN on the suite 'paper'")],
+)  # fmt: skip
+def test_a_study_without_what_a_claim_needs_is_no_test(name: str, claim: str, why: str) -> None:
+    rows = {"beta": [{"beta": 0.5}], "physics": []}[name]
+    found = CLAIMS[NAMES.index(claim)].judgement(Evidence([], {name: study(name, rows)}))
+    assert found.verdict is Verdict.untestable
+    assert why in found.why
 
 
 @pytest.mark.parametrize(
@@ -215,6 +228,17 @@ def test_the_learning_curves(lower: int, verdict: str) -> None:
     assert f"{lower} of 70 epochs" in found.why
 
 
+def test_learning_curves_that_do_not_hold_what_is_compared_test_nothing() -> None:
+    short = pd.DataFrame({"epoch": np.arange(1, 31), "train": 1.0, "validation": 1.0})
+    evidence = Evidence([], curves={"dnn": short, "phydnn": short})
+    for name, why in (
+        ("data-loss", "no epoch after the warm-up of 30"),
+        ("physical-loss", "The learning curve of 'dnn' has no 'train_physical'"),
+    ):
+        found = CLAIMS[NAMES.index(name)].judgement(evidence)
+        assert (found.verdict, why in found.why) == (Verdict.untestable, True)
+
+
 @pytest.mark.parametrize(
     ("p99", "verdict"),
     [
@@ -267,6 +291,21 @@ def test_times_that_were_taken_beside_other_cells_say_so(
     assert found.conditions == "one thread of A processor, which other cells shared"
 
 
+def test_times_name_their_own_machine_and_those_of_two_are_not_compared(
+    add: Callable[..., None], build: Any
+) -> None:
+    """Rows that are added to a record may be of another machine than its first ones."""
+    for name in ("dnn", "phydnn"):
+        add(name, 0.02)
+        build.methods[-1]["machine"] = "Another processor"
+    found = findings(build.write())["frame-rate"]
+    assert found.conditions == "one thread of Another processor"
+    build.methods[0]["machine"] = "A third one"
+    found = findings(build.write())["frame-rate"]
+    assert found.verdict is Verdict.untestable
+    assert found.why.startswith("Times of A third one and of Another processor do not compare")
+
+
 def test_a_frame_rate_that_was_not_timed(add: Callable[..., None], build: Any) -> None:
     add("dnn", 0.02, None)
     add("phydnn", 0.02)
@@ -293,6 +332,16 @@ def test_the_ratio_of_table_i_is_tested_on_both_sides(
     assert [figure.published for figure in row.figures] == [0.99498, 2.57e-3]
     assert [figure.verdict for figure in row.figures] == ["holds", None]
     assert "0.26 and 0.29" in row.why  # MSE / (1 - R^2), which a variance of 1 exceeds
+
+
+def test_errors_of_other_frames_have_no_ratio(tmp_path: Path) -> None:
+    runs = [
+        write_operators(tmp_path / name, {name: 1e-3}, n=n)
+        for name, n in (("surrogate", N), ("jacobian", N - 20))
+    ]
+    found = findings(*runs)["table1-ratio"]
+    assert found.verdict is Verdict.untestable
+    assert found.why == "'surrogate' and 'jacobian' were not run on the same frames."
 
 
 def test_the_exact_gradient_is_tested_by_its_time(build_operators: Callable[..., Path]) -> None:

@@ -325,29 +325,30 @@ def publish(board: Path, keys: dict[str, bytes], retired: bytes = b"") -> None:
     (board.parent / "hidden.toml").write_text("\n".join(lines))
 
 
-def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Path) -> None:
-    secret, retired = (bytes([k]) * 32 for k in (1, 2))
-    scored = pd.read_parquet(board / "bench" / "samples.parquet").groupby("method")["score"].mean()
+def hidden_record(key: bytes, methods: list[str], scored: dict[str, float]) -> HiddenRecord:
+    """Hidden figures of methods of which the open ones are `scored`."""
     gap = Gap(
-        scenario="conductivity-set", method="good", code=None, figure="score", n=12, clusters=4,
+        scenario="conductivity-set", method="", code=None, figure="score", n=12, clusters=4,
         open=0.0, hidden=4.0, difference=-1.0, low=-1.5, high=-0.5, p=0.001, falls=True,
     )  # fmt: skip
-    for k, key in enumerate((retired, secret)):
-        sha256 = hashlib.sha256(key).hexdigest()
+    return HiddenRecord(
+        suite="bench", key=hashlib.sha256(key).hexdigest(), made="2026-01-01", eitbench="0.2.0",
+        git_commit=None, data={"conductivity-set": ("3f2a1b9c", "1" * 64)},
+        gaps=tuple(
+            gap.model_copy(update={"method": method, "open": float(scored.get(method, 0))})
+            for method in methods
+        ),
+    )  # fmt: skip
+
+
+def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Path) -> None:
+    secret, retired = (bytes([k]) * 32 for k in (1, 2))
+    samples = pd.read_parquet(board / "bench" / "samples.parquet")
+    scored = {str(name): of["score"].mean() for name, of in samples.groupby("method")}
+    # The figures of `poor` with the retired key are older than those with the secret one.
+    for key, methods in ((retired, ["good", "poor"]), (secret, ["poor"])):
         publish(board, {"bench": key})
-        # The figures of `poor` with the retired key are older than those with the secret one.
-        methods = (("good", "poor"), ("poor",))[k]
-        write_hidden(
-            HiddenRecord(
-                suite="bench", key=sha256, made="2026-01-01", eitbench="0.2.0", git_commit=None,
-                data={"conductivity-set": ("3f2a1b9c", "1" * 64)},
-                gaps=tuple(
-                    gap.model_copy(update={"method": method, "open": float(scored[method])})
-                    for method in methods
-                ),
-            ),
-            board,
-        )  # fmt: skip
+        write_hidden(hidden_record(key, methods, scored), board)
     publish(board, {"bench": retired, "other": secret}, retired)
     note_version(board)
     (front, *_) = write_site(board.parent, tmp_path / "site")
@@ -504,6 +505,23 @@ def test_a_submission_without_a_record_to_stand_below_is_left_out(
     (front, *_) = write_site(board.parent, tmp_path / "site")
     assert "tank is left out: it is self-reported" in front.read_text()
     assert not (front.parent / "suites" / "bench.html").exists()
+
+
+def test_hidden_figures_stand_beside_a_reproduced_submission_that_has_no_record(
+    board: Path, tmp_path: Path
+) -> None:
+    reproduced(board, "tank")
+    shutil.copytree(board / "bench", board / "other")
+    with edited_manifest(board / "other") as content:
+        content["plan"]["suite"]["name"] = "other"
+    shutil.rmtree(board / "bench")
+    key = bytes([1]) * 32
+    publish(board, {"bench": key})
+    write_hidden(hidden_record(key, ["good"], {}), board)
+    note_version(board)
+    (front, *_) = write_site(board.parent, tmp_path / "site")
+    page = (front.parent / "suites" / "bench.html").read_text()
+    assert [row[1] for row in cells(page, "On a hidden test set")] == ["good"]
 
 
 @pytest.mark.parametrize("name", ["samples.parquet", "manifest.json"])
