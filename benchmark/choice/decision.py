@@ -37,7 +37,8 @@ class Tried(Declaration):
         method: its name.
         parameters: constructor parameters that it was tried with.
         chosen_by: what chose these: a "record" of an earlier tuning, "tuning" within the time
-            limit, "default" where that had too little time, "none" where there are none to choose.
+            limit, "default" where that had too little time or too few presses, "none" where there
+            are none to choose.
         place: error of the place on what decides.
         with_drift: the same where drift is expected: on recorded drift, or on simulated touches
             after drift; where labelled frames decide and only simulation has drift, on these frames

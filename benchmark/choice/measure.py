@@ -31,7 +31,7 @@ from eitbench.benchmark.tuning.selection import TuningBudget, recorded_selection
 from eitbench.benchmark.tuning.tuner import tune
 from eitbench.methods.registry import methods as known_methods
 from eitbench.methods.registry import source_hash
-from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.errors import DataUnavailableError, EitbenchError, InputError
 from eitbench.scenarios.storage.folders import check_empty
 from eitbench.scenarios.suites.scenario import Scenario
 from eitbench.scenarios.suites.suite import Suite
@@ -165,7 +165,10 @@ def parameters_of(
     if record is not None:
         return record["parameters"], "record"
     alone = suite.model_copy(update={"scenarios": (scenario,)})
-    found = [of for *_, of in tune(make_plan(alone, methods=[method]), folder, budget=budget)]
+    try:
+        found = [of for *_, of in tune(make_plan(alone, methods=[method]), folder, budget=budget)]
+    except DataUnavailableError:  # too few presses
+        return {}, "default"
     if not found:
         return {}, "none"
     if sum(trial.figure is not None for trial in found[0].trials) > 1:

@@ -151,6 +151,11 @@ def _failed(failure: Failure) -> TrialFailedError:
     return TrialFailedError("\n".join([failure.message, *failure.trace.splitlines()]))
 
 
+LEAST_PRESSES = 8
+"""Fewer presses choose nothing. Their images are registered with the presses that they are scored
+by, and this has four unknowns: it maps two of three points exactly, whatever the images are."""
+
+
 class Validation:
     """The validation frames of one scenario and the worker that answers them.
 

@@ -39,6 +39,7 @@ from eitbench.benchmark.tuning.sweep import (
     ended,
 )
 from eitbench.benchmark.tuning.trials import (
+    LEAST_PRESSES,
     PARTS,
     BudgetSpentError,
     Validation,
@@ -166,15 +167,24 @@ def _nothing_to_tune_on(scenarios: Sequence[Scenario]) -> str:
     if any(isinstance(scenario, RecordedScenario) for scenario in scenarios):
         return (
             "There is nothing to tune on: recorded sets are not here (eitbench recordings fetch), "
-            "or the scenarios have no validation samples."
+            "or the scenarios have no validation samples, or too few."
         )
     return "There is nothing to tune on: give a scenario of the suite validation samples."
 
 
 def _figure(scenario: Scenario) -> str:
-    """The figure that validation data are ranked by; "" if there is none, or there are no data."""
+    """The figure that validation data are ranked by; "" if there is none, or too few data."""
     try:
-        data = load(scenario, split="validation", limit=1)
+        data = load(scenario, split="validation", limit=LEAST_PRESSES)
+        if data.truth == "position" and len(data) < LEAST_PRESSES:
+            _log.warning(
+                "Scenario %r is left out: parameters that are chosen on %d presses are chosen by "
+                "chance. At least %d are needed; every fifth touch of a recording is one of them.",
+                scenario.name,
+                len(data),
+                LEAST_PRESSES,
+            )
+            return ""
         return "" if data.truth == "none" else ranked_by(data)
     except DataUnavailableError as error:
         _log.warning("Scenario %r is left out: %s", scenario.name, error)

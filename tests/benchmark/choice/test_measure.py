@@ -1,5 +1,6 @@
 """Trials within a limit, with a clock of our own; and a whole choice for a tiny sensor."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from eitbench.benchmark.run.runner import RunInterruptedError, start_run
 from eitbench.benchmark.tuning import selection
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
-from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.errors import DataUnavailableError, EitbenchError, InputError
 
 TINY = """
 name = "tiny"
@@ -201,6 +202,13 @@ def test_parameters_on_record_come_first_then_trials_then_defaults(
     assert chosen() == ({"weight": 0.1}, "tuning")
     monkeypatch.setattr(measure, "tune", lambda *_, **__: iter([]))
     assert chosen() == ({}, "none")
+
+    def nothing_to_tune_on(*_: object, **__: object) -> Iterator[Any]:
+        raise DataUnavailableError("too few presses")
+        yield
+
+    monkeypatch.setattr(measure, "tune", nothing_to_tune_on)
+    assert chosen() == ({}, "default")
     recorded = Selection({"weight": 0.7}, -4.0, (scored,), budget, "trials")
     monkeypatch.setattr(selection, "user_selections", lambda: tmp_path)
     selection.record(scenario, {"noser": recorded}, tmp_path)

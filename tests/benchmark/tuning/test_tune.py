@@ -35,6 +35,7 @@ from eitbench.scenarios.errors import DataUnavailableError, InputError
 from eitbench.scenarios.guard import closed_test_split, is_closed
 from eitbench.scenarios.recordings.fetch import read_recording
 from eitbench.scenarios.recordings.files.pairs import from_pairs
+from eitbench.scenarios.similarity import fit_similarity
 from eitbench.scenarios.suites.scenario import (
     RecordedScenario,
     Scenario,
@@ -293,6 +294,21 @@ def test_errors_of_places_count_by_how_far_touches_are_apart(tmp_path: Path) -> 
     known = places.to_numpy()[::5]  # every fifth touch is for validation
     away = np.median(np.linalg.norm(known - known.mean(axis=0), axis=1))
     assert validation.standard == pytest.approx((0.0, 1e3 * away))
+
+
+def test_few_presses_choose_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A registration maps two of three presses exactly, so that their median error says nothing."""
+    x = np.random.default_rng(0).uniform(size=(2, 3, 2))
+    register = fit_similarity(*x)
+    assert register is not None
+    assert np.median(np.linalg.norm(register(x[0]) - x[1], axis=1)) < 0.01
+    released, pressed, places = pressed_skin(35)  # 7 for validation
+    write_recording(from_pairs(released, pressed, SKIN, "bench", places), tmp_path / "skin.h5")
+    skin = RecordedScenario(name="skin", recording=str(tmp_path / "skin.h5"))
+    plan = make_plan(suite(skin), methods=["noser"])
+    with pytest.raises(DataUnavailableError, match="no validation samples, or too few"):
+        list(tune(plan, tmp_path / "out"))
+    assert "'skin' is left out: parameters that are chosen on 7 presses" in caplog.text
 
 
 @pytest.mark.parametrize(
