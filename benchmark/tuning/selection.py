@@ -160,7 +160,9 @@ def validation_key(scenario: Scenario) -> str:
             }
         )
     assert isinstance(seen, RecordedScenario)  # what says places is not tuned
-    named = {"name": seen.recorded_set.name, "calibrated": False}
+    # A recording of one's own that is renamed is the same data.
+    of = seen.recorded_set
+    named = {"name": "own" if of.own else of.name, "calibrated": False}
     return seen.model_copy(update=named).data_hash("validation")
 
 

@@ -11,7 +11,7 @@ from eitbench.hardware.board import Board, BoardError, Frame, Health
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings import is_recording, recorded_set
 from eitbench.scenarios.recordings.fetch import no_untouched_frame, read_recording
-from eitbench.scenarios.recordings.files.own import undamaged
+from eitbench.scenarios.recordings.files.own import undamaged, untouched_rows
 from eitbench.scenarios.recordings.files.recording_file import Content
 from eitbench.scenarios.sensors.sensor import Sensor
 
@@ -132,13 +132,16 @@ def _recording_file(path: Path) -> Frames:
         raise InputError(f"{path} holds no frames: there is nothing to play.")
     if content.differences:
         raise no_untouched_frame(path)
-    return (
-        content.sensor,
-        _numbers(content),
-        _clock(content),
-        content.values,
-        content.emulated,
-    )
+    numbers, times, values = _numbers(content), _clock(content), content.values
+    untouched = untouched_rows(content)
+    if len(untouched) and not np.isin(np.arange(_UNTOUCHED), untouched).all():
+        # What shows images takes the first frames for the untouched sensor.
+        before = np.arange(_UNTOUCHED)
+        numbers = np.concatenate([before, numbers + _UNTOUCHED])
+        times = np.concatenate([before / RATE_HZ, times + _UNTOUCHED / RATE_HZ])
+        mean = values[untouched].mean(axis=0)
+        values = np.concatenate([np.repeat(mean[None], _UNTOUCHED, axis=0), values])
+    return content.sensor, numbers, times, values, content.emulated
 
 
 def _numbers(content: Content) -> NDArray[np.int64]:

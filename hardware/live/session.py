@@ -163,6 +163,8 @@ class Session:
     def state(self) -> dict[str, object]:
         """State of board, method and recording, as plain values."""
         recording, status = self._recording, self._status
+        # Without frames of the untouched sensor no suite is written.
+        scored = recording is not None and recording.has_reference
         taken, board = self._reference_frames, self._board_state()
         return {
             "board": board,
@@ -186,7 +188,7 @@ class Session:
                 "frames": recording.frames,
                 "touches": recording.touches,
                 "enough": MIN_TOUCHES,
-                "suite": str(recording.path.with_suffix(".toml")),
+                "suite": str(recording.path.with_suffix(".toml")) if scored else "",
                 "failed": recording.failed,
             },
         }
@@ -256,10 +258,10 @@ class Session:
             self.imaging.add(frame)
 
     def _finish_reference(self, frames: list[Array]) -> None:
+        if self._recording is not None:  # whatever is wrong with it, these frames show no touch
+            self._recording.mark_reference(REFERENCE_FRAMES)
         try:
             self.imaging.reference = reference_of(self.board.sensor, frames)
-            if self._recording is not None:
-                self._recording.mark_reference(REFERENCE_FRAMES)
         except InputError as error:
             self._reference_failed = str(error)
         # Unless it was asked for again meanwhile.

@@ -14,6 +14,7 @@ from eitbench.hardware.recording.loop import Status, record
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios.errors import InputError, counted
 from eitbench.scenarios.phantoms.press import FOAM
+from eitbench.scenarios.recordings.descriptors import PLACES
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.sensors.sensor_file import toml_string
 
@@ -54,7 +55,8 @@ class _Contact:
     force_n: float
 
     def __str__(self) -> str:
-        return f"({1e3 * self.x_m:g}, {1e3 * self.y_m:g}) mm"
+        force = f" with {self.force_n:g} N" if math.isfinite(self.force_n) else ""
+        return f"({1e3 * self.x_m:g}, {1e3 * self.y_m:g}) mm{force}"
 
     @property
     def state(self) -> str:
@@ -72,6 +74,7 @@ class GuidedSession:
 
     Attributes:
         touches: touches so far that are labelled.
+        lacks: why methods cannot be scored on them yet, as a sentence; "" if they can be.
     """
 
     def __init__(
@@ -86,6 +89,7 @@ class GuidedSession:
         self._ask, self._say = ask, say
         self._timing = timing or StepDurations()
         self.touches = 0
+        self._places = list[str]()  # of all touches
         self._status: Status | None = None
         self._stop = Event()
         self._failure: Exception | None = None
@@ -133,12 +137,26 @@ class GuidedSession:
             for _ in range(int(repeats)):
                 self._touch(contacts, depth_mm)
             self._report(f"{counted(self.touches, 'touch', 'touches')} so far.")
+        if self.lacks:
+            self._say(self.lacks)
+
+    @property
+    def lacks(self) -> str:
+        """See the class."""
+        found = "Every fifth touch is used to find how images map to places"
         if self.touches < MIN_TOUCHES:
-            self._say(
+            return (
                 f"No suite is written: only {counted(self.touches, 'touch', 'touches')} so far. "
-                "Every fifth touch is used to find how images map to places, and 3 such touches "
-                f"are needed. Record again, with at least {MIN_TOUCHES} touches."
+                f"{found}, and 3 such touches are needed. Record again, with at least "
+                f"{MIN_TOUCHES} touches."
             )
+        if (count := len(set(self._places[::5]))) < 3:
+            return (
+                f"No suite is written. {found}, and touches 1, 6, 11, ... are at "
+                f"{counted(count, 'place')}: 3 places are needed. Record again, and repeat places "
+                "less often or touch more of them."
+            )
+        return ""
 
     def _registering(self) -> str:
         """Which touches find how images map to places, and where they do it well: a sentence."""
@@ -185,6 +203,7 @@ class GuidedSession:
                 reference_last=until,
             )
         self.touches += 1
+        self._places.append(state)
         if self._board.can_be_pressed:
             self._board.release()
         else:
@@ -217,6 +236,8 @@ class GuidedSession:
         while typed := self._ask("Place x y [mm]? (Enter ends the session)").strip():
             try:
                 contacts = [_contact(part) for part in typed.split(";")]
+                if len(contacts) > len(PLACES):
+                    raise InputError(f"A touch has at most {len(PLACES)} places.")
                 for contact in contacts:
                     self._board.sensor.check_place(contact.x_m, contact.y_m)
                 if self._board.can_be_pressed:
@@ -241,6 +262,8 @@ def _pressure_pa(contact: _Contact) -> float:
 
 
 def _contact(typed: str) -> _Contact:
+    if re.search(r"\d,\d", typed) and re.search(r"[\d.]\s+[-+\d.]", typed.strip()):
+        raise InputError(f"Write decimals with a point, such as 30.5 55; got {typed.strip()!r}.")
     try:
         x_mm, y_mm, *force = map(float, re.split(r"[\s,]+", typed.strip()))
         (force_n,) = force or (math.nan,)

@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from threading import Event
 
 import numpy as np
@@ -209,7 +210,7 @@ def record(
             except BoardLostError as lost:
                 damaged = board.health.damaged
                 _note(recorder, say, f"{lost} Waiting for it to return.")
-                if _returned(board, over):
+                if _returned(board, over, partial(_note, recorder, say)):
                     damaged_before += damaged  # it counts anew
                     renumber.restart()
                     _note(recorder, say, "The board is back.")
@@ -231,14 +232,21 @@ def _note(recorder: Recorder, say: Callable[[str], None], sentence: str) -> None
     say(sentence)
 
 
-def _returned(board: Board, over: Callable[[], bool]) -> bool:
-    """Open and start the board again; True if that succeeded before all was `over`."""
+def _returned(board: Board, over: Callable[[], bool], tell: Callable[[str], None]) -> bool:
+    """Open and start the board again; True if that succeeded before all was `over`.
+
+    `tell` gets a sentence where it is there again, and something else is wrong with it.
+    """
+    told = ""
     while not over():
         board.close()
         try:
             board.open()
             board.start()
-        except BoardError:
+        except BoardError as error:
+            if str(error) != told and not isinstance(error, BoardLostError):
+                told = str(error)
+                tell(told)
             time.sleep(RETRY_S)
         else:
             return True

@@ -18,7 +18,7 @@ from eitbench.hardware.board import Frame
 from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.recordings.files import layout
 from eitbench.scenarios.sensors.sensor import Sensor
-from eitbench.scenarios.sensors.sensor_file import sensor_to_json
+from eitbench.scenarios.sensors.sensor_file import sensor_from_json, sensor_to_json
 
 FLUSH_S = 0.25
 """Time until appended frames are on the disk, beside the time that writing takes [s]."""
@@ -95,6 +95,7 @@ class Recorder:
         differences: bool = False,
     ) -> None:
         check_new(path)
+        sensor_from_json(sensor_to_json(sensor))  # as readers will
         self.path, self.sensor = path, sensor
         self._header: dict[str, object] = {
             "board": board,

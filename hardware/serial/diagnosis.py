@@ -7,7 +7,8 @@ from eitbench.hardware.protocols import PROTOCOLS, Protocol
 BAUDS = (9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800, 921_600, 1_000_000, 2_000_000)
 """Rates that boards are usually set to [bit/s]."""
 
-_LEAST = 64  # bytes that say something about a line
+LEAST_BYTES = 64
+"""Bytes that say something about a line."""
 _FOREIGN = 0.01  # share of characters that no text has; what is read at a wrong rate has more
 
 
@@ -22,7 +23,7 @@ def diagnose(
         port: name of the serial port.
         listen: sets the port to a rate [bit/s] and returns the bytes that come at it for a while.
     """
-    if len(data) < _LEAST or expected.recognises(data):
+    if len(data) < LEAST_BYTES or expected.recognises(data):
         return None
     # What is read at a wrong rate may be printable, too, so that text is considered last.
     for baud in (expected.baud, *BAUDS):

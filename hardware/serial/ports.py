@@ -7,7 +7,7 @@ from pathlib import Path
 
 from serial.tools import list_ports
 
-from eitbench.hardware.board import BoardError
+from eitbench.hardware.board import BoardError, BoardLostError
 from eitbench.scenarios.errors import InputError
 
 
@@ -35,13 +35,14 @@ def check(port: str) -> None:
     """See that `port` exists, may be used, and is used by no other program.
 
     Raises:
-        BoardError: it cannot be used; the sentence says why and what to do.
+        BoardError: it cannot be used, or (`BoardLostError`) is not there; the sentence says why
+            and what to do.
     """
     path = Path(port)
     if os.name != "posix":
         return
     if not path.exists():
-        raise BoardError(
+        raise BoardLostError(
             f"There is no serial port {port}: plug the board in, or name another; {existing()}."
         )
     # On Linux, 1 is memory, such as /dev/null, which every other program uses.

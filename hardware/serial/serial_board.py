@@ -17,12 +17,13 @@ from eitbench.hardware.protocols.openeit import OpenEit
 from eitbench.hardware.protocols.sciospec import Sciospec
 from eitbench.hardware.protocols.teensy import Teensy
 from eitbench.hardware.serial import ports
-from eitbench.hardware.serial.diagnosis import diagnose
+from eitbench.hardware.serial.diagnosis import LEAST_BYTES, diagnose
 from eitbench.scenarios.sensors.sensor import Sensor
 
 _POLL_S = 0.02  # a read waits no longer, so that `frames` keeps to its time
 _CHUNK = 1 << 16  # bytes that are read at once
 _REMEMBERED = 1 << 15  # bytes since the last frame that a diagnosis looks at
+_DAMAGED = 3  # frames; one or two may have been cut off
 _PATIENCE_S = 3.0  # a board that sends no frame for so long, though bytes, is looked at
 _SILENCE_S = 5.0  # a board that was started sends something within this time
 _LISTEN_S = 0.5  # as long as it is listened to at another rate
@@ -238,7 +239,8 @@ class SerialBoard(Board):
         if now - self._since > _PATIENCE_S:
             if wrong := self._diagnosis():
                 raise BoardError(wrong)
-            self._forget()
+            if len(self._unread) >= LEAST_BYTES:
+                self._forget()
             self._silent_since = now
 
     def _start_again(self) -> bool:
@@ -253,7 +255,14 @@ class SerialBoard(Board):
         return True
 
     def _diagnosis(self) -> str | None:
-        return diagnose(bytes(self._unread), self.protocol, self.port, self._listen)
+        heard = bytes(self._unread)
+        if self.health.damaged >= _DAMAGED and self.protocol.recognises(heard):
+            return (
+                f"Frames of board {self.protocol.name!r} come from {self.port}, and all are "
+                "damaged: its firmware makes another checksum, or sends another number of values "
+                "than it says (docs/boards.md)."
+            )
+        return diagnose(heard, self.protocol, self.port, self._listen)
 
     def _other_board(self) -> str | None:
         """Name the other board that it is, if that one is silent until started; one sentence."""

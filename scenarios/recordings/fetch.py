@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from eitbench.scenarios.errors import DataCorruptError, DataUnavailableError, InputError
 from eitbench.scenarios.guard import is_closed
 from eitbench.scenarios.recordings.descriptors import RecordedFile, RecordedFrames, RecordedSet
-from eitbench.scenarios.recordings.files.own import is_recording, undamaged
+from eitbench.scenarios.recordings.files.own import is_recording, undamaged, untouched_rows
 from eitbench.scenarios.recordings.registry import recorded_set
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.storage.cache_dir import cache_dir
@@ -228,9 +228,10 @@ def reference_frames(name: str) -> tuple[Sensor, NDArray[np.float64]]:
     content, _ = undamaged(Path(name))
     if content.differences:
         raise no_untouched_frame(name)
-    if not len(content.reference):
+    untouched = untouched_rows(content)
+    if not len(untouched):
         raise InputError(
-            f"{name} marks no reference frames: record with --guided, or take a new reference "
-            "on the live page while it records."
+            f"{name} marks no reference frames: record with --guided, take a new reference on the "
+            "live page while it records, or import it with --reference."
         )
-    return content.sensor, content.values[content.reference]
+    return content.sensor, content.values[untouched]

@@ -26,6 +26,7 @@ from eitbench.scenarios.recordings.files.own import (
     off_sensor,
     on_reference,
     outside,
+    untouched_rows,
 )
 from eitbench.scenarios.recordings.files.recording_file import (
     Condition,
@@ -214,7 +215,7 @@ def check(path: Path, other: Sensor | None = None) -> tuple[list[str], list[str]
         )
     problems = [*_condition(content, condition), *_frames(content), *_marks(content)]
     facts = [_summary(content)]
-    untouched = _untouched(content)
+    untouched = untouched_rows(content)
     needs = (
         ("reference frames", content.differences or len(untouched), _BY_REFERENCE),
         ("labelled touches", len(content.labels), "--labels"),
@@ -239,15 +240,6 @@ def check(path: Path, other: Sensor | None = None) -> tuple[list[str], list[str]
         problems += more_problems
         facts += more_facts
     return problems, facts
-
-
-def _untouched(content: Content) -> NDArray[np.int64]:
-    """Rows of the frames that show the untouched sensor."""
-    own = content.labels[has_own_references(content)].drop_duplicates(["first", "last"])
-    spans = zip(own["reference_first"], own["reference_last"], strict=True)
-    return np.concatenate(
-        [content.reference, *(np.arange(first, last + 1) for first, last in spans)]
-    )
 
 
 def _agreement(

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 
+_ROUNDING = 1e-12
+
 
 class _Bounded(ABC):
     """What follows from the bounding box of an outline."""
@@ -122,6 +124,16 @@ class Polygon(_Bounded):
             inside ^= crosses & (px < x0 + (py - y0) * (x1 - x0) / (y1 - y0))
         return inside
 
+    def reaches(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
+        """True where the points (x, y) [m] lie inside or, but for rounding, on the rim."""
+        points = np.stack(np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float)), -1)
+        side, begin = np.diff(self._closed, axis=0), self._closed[:-1]
+        with np.errstate(invalid="ignore"):  # of places that are not finite
+            along = ((points[..., None, :] - begin) * side).sum(axis=-1) / (side**2).sum(axis=-1)
+            nearest = begin + along.clip(0, 1)[..., None] * side
+            away = np.linalg.norm(points[..., None, :] - nearest, axis=-1).min(axis=-1)
+        return np.asarray(self.contains(x, y) | (away <= _ROUNDING * self.perimeter))
+
     def describe(self) -> dict[str, object]:
         """Return all that defines the outline as plain values, for hashing and printing."""
         return {"polygon": [list(v) for v in self.vertices]}
@@ -183,6 +195,10 @@ class Disc(_Bounded):
     def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
         """True where the points (x, y) [m] lie inside."""
         return np.asarray(np.hypot(x, y) < self.radius)
+
+    def reaches(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
+        """True where the points (x, y) [m] lie inside or, but for rounding, on the rim."""
+        return np.asarray(np.hypot(x, y) <= self.radius * (1 + _ROUNDING))
 
     def describe(self) -> dict[str, object]:
         """Return all that defines the outline as plain values, for hashing and printing."""

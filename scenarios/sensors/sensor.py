@@ -107,7 +107,8 @@ class Sensor:
             if (first.width + second.width) / 2 >= spacing - 1e-12 * perimeter:
                 raise InputError(
                     f"Electrodes {here} and {following} of sensor {self.name!r} overlap: they are "
-                    f"{first.width:.4g} m and {second.width:.4g} m wide and {spacing:.4g} m apart."
+                    f"{1e3 * first.width:.4g} mm and {1e3 * second.width:.4g} mm wide and "
+                    f"{1e3 * spacing:.4g} mm apart."
                 )
 
     @cached_property
@@ -156,7 +157,7 @@ class Sensor:
         Raises:
             InputError: it lies outside the outline; the sentence says how far the sensor reaches.
         """
-        if not self.outline.contains(x_m, y_m):
+        if not self.outline.reaches(x_m, y_m):
             x0, y0, x1, y1 = (1e3 * bound for bound in self.outline.bounds)
             raise InputError(
                 f"({1e3 * x_m:.6g}, {1e3 * y_m:.6g}) mm is outside the sensor, which reaches from "

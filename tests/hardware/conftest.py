@@ -45,6 +45,7 @@ class FakeBoard(Board):
     Attributes:
         lost_after: calls of `frames` until it is lost; None for never.
         refusals: attempts to open it that fail.
+        refusal: the error of those.
         wait_s: how long each call of `frames` takes [s].
         endless: it does not end with its last frame.
     """
@@ -55,6 +56,7 @@ class FakeBoard(Board):
         self.calls: list[str] = []
         self.lost_after: int | None = None
         self.refusals = 0
+        self.refusal: BoardError = BoardLostError("There is no such port.")
         self.wait_s = 0.0
         self.endless = False
 
@@ -66,7 +68,7 @@ class FakeBoard(Board):
         self.calls.append("open")
         if self.refusals:
             self.refusals -= 1
-            raise BoardError("There is no such port.")
+            raise self.refusal
         self.health = Health()
 
     def start(self) -> None:

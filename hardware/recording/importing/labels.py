@@ -249,7 +249,6 @@ def placed(
     elif len(table) in (len(frames), len(touched)):
         how = "row by row, for the frames"
         rows = frames if len(table) == len(frames) else touched
-        # A row without a word about a touch is for a frame without one.
         of_touches, placed_rows = ~np.isin(rows, reference), has_place(table)
         marks = _described(table) & of_touches
         left_out["without a place or another value"] = int((of_touches & ~marks).sum())
@@ -299,7 +298,10 @@ def placed(
     for name, row in (("reference_first", before), ("reference_last", until)):
         if own.any():
             made[name] = np.where(own, base + row, -1).astype(np.int64)
-    return made, how, left_out
+    # A row without a word about a touch, and no reference for one, is for a frame without one.
+    marks = _described(made) | own
+    left_out["without a place or another value"] += int((~marks).sum())
+    return made[marks].reset_index(drop=True), how, left_out
 
 
 def _starts_and_counts(files: list[FramesOf]) -> tuple[Index, Index]:

@@ -15,6 +15,7 @@ from eitbench.hardware.recording.importing.sources import (
 )
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.errors import InputError, counted
+from eitbench.scenarios.recordings.files.own import untouched_rows
 from eitbench.scenarios.sensors.sensor import Sensor
 
 REFERENCE = "reference"
@@ -78,7 +79,7 @@ def _found(
         beside = []
         for path in reference_paths(given):
             if is_own(path):
-                beside.append(_of_recording(path, sensor))
+                beside.append(_of_recording(path, sensor, choice))
                 continue
             arrays = read_arrays(path)
             # The array that holds the frames may have another name there.
@@ -98,21 +99,28 @@ def _found(
     return beside, rows, f" of array {REFERENCE!r}"
 
 
-def _of_recording(path: Path, sensor: Sensor) -> Array:
+def _of_recording(path: Path, sensor: Sensor, choice: Choice) -> Array:
     """The reference frames (n, M) of a recording.
 
     Raises:
-        InputError: it marks none, or they are of another number of values.
+        InputError: it marks none, or they are of another number of values or drive pattern.
     """
     content = own_content(path)
-    if not len(content.reference):
+    untouched = untouched_rows(content)
+    if not len(untouched):
         raise InputError(f"--reference {path}: it marks no frames of the untouched sensor.")
     if content.sensor.n_measurements != sensor.n_measurements:
         raise InputError(
             f"--reference {path}: its frames have {content.sensor.n_measurements} values, and "
             f"those of sensor {sensor.name!r} have {sensor.n_measurements}."
         )
-    return content.values[content.reference]
+    if not np.array_equal(content.sensor.pattern.table, sensor.pattern.table):
+        raise InputError(
+            f"--reference {path}: its values are of another drive pattern than those of sensor "
+            f"{sensor.name!r}."
+        )
+    values = content.values[untouched]
+    return np.abs(values) if choice.part == "magnitude" else values
 
 
 def _are_rows(array: Array, count: int) -> bool:

@@ -9,7 +9,11 @@ from eitbench.hardware.recording.importing.sources import is_own, own_content, r
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.recordings.fetch import no_untouched_frame
-from eitbench.scenarios.recordings.files.own import frames_of_touches, has_reference
+from eitbench.scenarios.recordings.files.own import (
+    frames_of_touches,
+    has_reference,
+    untouched_rows,
+)
 from eitbench.scenarios.wiring.touches import Touches, touches_of
 
 
@@ -26,7 +30,8 @@ def unordered_frames(path: Path, lengths: Collection[int]) -> Array:
         content = own_content(path)
         if content.differences:
             raise no_untouched_frame(path)
-        return content.values[content.reference] if len(content.reference) else content.values
+        untouched = untouched_rows(content)
+        return content.values[untouched] if len(untouched) else content.values
     found: dict[bytes, Array] = {}
     shapes = []
     for array in read_arrays(path).values():

@@ -187,6 +187,10 @@ def _table(lines: Lines, path: Path) -> NDArray[np.float64]:
     return np.array(rows).reshape(len(rows), -1) if rows else np.empty((0, 0))
 
 
+_LONGEST_MAT = 2**31
+"""Bytes that no variable of a MATLAB 5 file has."""
+
+
 def write_mat(content: Content, path: Path) -> None:
     """Write `content` to the new file `path`; `read_mat_recording` reads it without loss."""
     import scipy.io
@@ -201,6 +205,11 @@ def write_mat(content: Content, path: Path) -> None:
         text = layout.LABEL[name].kind == "S"
         column = content.labels[name].to_numpy(dtype=np.str_ if text else None)
         arrays[f"label_{name}"] = column
+    if content.values.nbytes >= _LONGEST_MAT:
+        raise InputError(
+            f"{path} cannot hold {content.values.nbytes / 1e9:.1f} GB of frames: files of MATLAB "
+            "are for less than 2. Export it as .csv, or read the recording itself, which is HDF5."
+        )
     path.touch(exist_ok=False)
     scipy.io.savemat(str(path), arrays, appendmat=False, do_compression=True, oned_as="column")
 

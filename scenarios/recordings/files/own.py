@@ -152,7 +152,7 @@ def impossible_label(content: Content) -> str:
 def off_sensor(content: Content) -> NDArray[np.intp]:
     """The labels that name a place outside the sensor, as their numbers."""
     places = content.labels[["x_m", "y_m"]].to_numpy(dtype=np.float64)
-    inside = content.sensor.outline.contains(*places.T)
+    inside = content.sensor.outline.reaches(*places.T)
     return np.flatnonzero(~inside & np.isfinite(places).all(axis=1))
 
 
@@ -200,6 +200,15 @@ def has_reference(content: Content) -> bool:
 def has_own_references(content: Content) -> NDArray[np.bool_]:
     """(k,): the labels that name a reference of their own."""
     return (content.labels[["reference_first", "reference_last"]] != -1).any(axis=1).to_numpy()
+
+
+def untouched_rows(content: Content) -> NDArray[np.int64]:
+    """Rows of the frames that show the untouched sensor, those of single touches among them."""
+    own = content.labels[has_own_references(content)].drop_duplicates(["first", "last"])
+    spans = zip(own["reference_first"], own["reference_last"], strict=True)
+    return np.concatenate(
+        [content.reference, *(np.arange(first, last + 1) for first, last in spans)]
+    )
 
 
 def _read(path: Path, folder: Path, sensor: Sensor) -> RecordedFrames:

@@ -108,7 +108,6 @@ def record(
 ) -> None:
     """Record a board into a file, free-running or guided."""
     from eitbench.hardware.recording.guided import (
-        MIN_TOUCHES,
         GuidedSession,
         suite_path,
         write_suite,
@@ -133,7 +132,7 @@ def record(
                 else:
                     _record_with_status(made, recorder, seconds)
         finally:  # the frames so far are usable, however it ended
-            scored = suite is not None and session.touches >= MIN_TOUCHES
+            scored = suite is not None and not session.lacks
             if suite is not None and scored:
                 write_suite(suite, out, made.sensor, board, emulated=made.emulated)
             # Printed last: the terminal may be gone.

@@ -1,8 +1,7 @@
 """Trials within a limit, with a clock of our own; and a whole choice for a tiny sensor."""
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pandas as pd
@@ -203,9 +202,8 @@ def test_parameters_on_record_come_first_then_trials_then_defaults(
     monkeypatch.setattr(measure, "tune", lambda *_, **__: iter([]))
     assert chosen() == ({}, "none")
 
-    def nothing_to_tune_on(*_: object, **__: object) -> Iterator[Any]:
+    def nothing_to_tune_on(*_: object, **__: object) -> NoReturn:
         raise DataUnavailableError("too few presses")
-        yield
 
     monkeypatch.setattr(measure, "tune", nothing_to_tune_on)
     assert chosen() == ({}, "default")

@@ -17,7 +17,13 @@ from tests.support.pressed_skin import SKIN, pressed_skin
 
 from eitbench.benchmark.rundir.plan import make_plan
 from eitbench.benchmark.tuning import tuner as tuning
-from eitbench.benchmark.tuning.selection import FRAMES, Selection, Trial, TuningBudget
+from eitbench.benchmark.tuning.selection import (
+    FRAMES,
+    Selection,
+    Trial,
+    TuningBudget,
+    validation_key,
+)
 from eitbench.benchmark.tuning.sweep import SearchSpace
 from eitbench.benchmark.tuning.trials import (
     BudgetSpentError,
@@ -294,6 +300,16 @@ def test_errors_of_places_count_by_how_far_touches_are_apart(tmp_path: Path) -> 
     known = places.to_numpy()[::5]  # every fifth touch is for validation
     away = np.median(np.linalg.norm(known - known.mean(axis=0), axis=1))
     assert validation.standard == pytest.approx((0.0, 1e3 * away))
+
+
+def test_a_recording_that_is_renamed_keeps_its_choices(tmp_path: Path) -> None:
+    released, pressed, places = pressed_skin(10)
+    keys = []
+    for name, frames in (("a", pressed), ("b", pressed), ("c", 2 * pressed)):
+        path = tmp_path / f"{name}.h5"
+        write_recording(from_pairs(released, frames, SKIN, "bench", places), path)
+        keys.append(validation_key(RecordedScenario(name=name, recording=str(path))))
+    assert keys[0] == keys[1] != keys[2]
 
 
 def test_few_presses_choose_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

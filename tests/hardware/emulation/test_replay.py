@@ -68,6 +68,22 @@ def test_a_clock_that_goes_back_or_stops_does_not(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.array(times) * 20, [0, 0.1, 2.2, 2.3, 2.4, 2.5, 2.6])
 
 
+def test_a_recording_begins_with_its_untouched_sensor(tmp_path: Path) -> None:
+    """As a live view takes the first frames for it, even if they were taken later."""
+    sensor = foam16()
+    values = np.ones((4, sensor.n_measurements)) * [[5.0], [1.0], [3.0], [5.0]]
+    with Recorder(tmp_path / "a.h5", sensor, "fake") as recorder:
+        for k, frame in enumerate(values):
+            recorder.append(Frame(k, 0.1 * k, 0.1 * k, frame))
+        recorder.mark_reference(1, 2)
+    with Replay(tmp_path / "a.h5", speed=20) as board:
+        board.start()
+        frames = collect(board, 5.0)
+    assert [frame.values[0] for frame in frames] == [2.0] * 10 + [5.0, 1.0, 3.0, 5.0]
+    assert [frame.number for frame in frames] == list(range(14))
+    np.testing.assert_allclose(np.diff([f.time_s for f in frames]), 0.1 / 20)
+
+
 def test_lost_frames_stay_lost(tmp_path: Path) -> None:
     """Of a recording that began at 5, lost four frames, and went on from 0 after a restart."""
     sensor = foam16()

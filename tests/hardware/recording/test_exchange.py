@@ -22,6 +22,7 @@ from eitbench.scenarios.errors import (
 )
 from eitbench.scenarios.recordings import RECORDED_SETS, recorded_set
 from eitbench.scenarios.recordings.fetch import read_recording, reference_frames
+from eitbench.scenarios.recordings.files import csv_mat
 from eitbench.scenarios.recordings.files.recording_file import Content, read_file
 from eitbench.scenarios.recordings.quality import check
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -124,6 +125,15 @@ def test_matlab_finds_arrays_by_their_names(recorded: Path, tmp_path: Path) -> N
     assert found["time_s"].shape == (21, 1)
     assert found["pattern"].shape == (40, 4)
     assert found["label_first"].ravel().tolist() == [3, 6]
+
+
+def test_frames_that_no_matlab_file_holds_are_told_before(
+    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(csv_mat, "_LONGEST_MAT", read_file(recorded)[0].values.nbytes)
+    with pytest.raises(InputError, match=r"GB of frames: files of MATLAB are for less than 2"):
+        export_recording(recorded, tmp_path / "a.mat")
+    assert not (tmp_path / "a.mat").exists()
 
 
 def test_bad_sources_are_one_sentence(recorded: Path, tmp_path: Path, skin: Sensor) -> None:

@@ -128,6 +128,18 @@ def test_everything_a_board_sends_is_recorded(
     assert made.calls == ["start", "stop"]
 
 
+def test_a_board_that_is_back_and_cannot_be_used_says_why_once(
+    tmp_path: Path, skin: Sensor, frames: Frames, board: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop, "RETRY_S", 0.01)
+    made, said = board(frames(7)), list[str]()
+    made.lost_after, made.refusals = 2, 3
+    made.refusal = BoardError("The port is in use by another program.")
+    with Recorder(tmp_path / "a.h5", skin, "fake") as recorder:
+        record(made, recorder, say=said.append)
+    assert said[1:] == ["The port is in use by another program.", "The board is back."]
+
+
 def test_a_board_that_goes_away_is_waited_for(
     tmp_path: Path, skin: Sensor, frames: Frames, board: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -249,6 +261,14 @@ def test_a_guided_session_ends_in_a_set(tmp_path: Path, board: Make) -> None:
         suite_path(path)
 
 
+def test_touches_of_one_place_do_not_say_how_images_map(tmp_path: Path, board: Make) -> None:
+    answers = ["", "11", "", "30 30", *[""] * 22, ""]
+    touches, _, said = guided(tmp_path / "a.h5", board, answers)
+    assert touches == 11
+    assert said[-1].startswith("No suite is written. Every fifth touch is used to find")
+    assert "touches 1, 6, 11, ... are at 1 place: 3 places are needed" in said[-1]
+
+
 def test_a_suite_of_a_recording_of_any_name_is_read(tmp_path: Path) -> None:
     recording = tmp_path / "Fläche 😀.h5"
     write_suite(suite_path(recording), recording, sensor("foam16"), "fake", emulated=False)
@@ -292,10 +312,12 @@ def test_a_board_that_can_be_pressed_is_pressed_by_the_session(
 
 
 def test_touches_of_several_contacts_and_forces_are_labelled(tmp_path: Path, board: Make) -> None:
-    answers = ["", "", "", "30 30 1.5; 70,60 2", "", "", "50 50", "", "", ""]
+    answers = ["", "", "", "30 30 1.5; 70, 60 2", "", "", "50 50", "", "", ""]
     touches, asked, _ = guided(tmp_path / "a.h5", board, answers)
     assert touches == 2
-    assert asked[4] == "Touch (30, 30) mm and (70, 60) mm, hold still, and press Enter"
+    assert asked[4] == (
+        "Touch (30, 30) mm with 1.5 N and (70, 60) mm with 2 N, hold still, and press Enter"
+    )
     labels = read_file(tmp_path / "a.h5")[0].labels
     assert labels["force_N"].tolist()[:2] == [1.5, 2.0]
     assert np.isnan(labels["force_N"][2])
@@ -321,6 +343,9 @@ def test_typing_errors_are_asked_again(tmp_path: Path, board: Make) -> None:
         "30 x",
         "1e999 3",
         "30 20; 30 20 nan 1",
+        "30,5 55",
+        "30 55,5",
+        "; ".join(["30 20"] * 11),
         "30 20 -2",
         "500 20",
         "30 20",
@@ -349,6 +374,9 @@ def test_typing_errors_are_asked_again(tmp_path: Path, board: Make) -> None:
     )
     assert said[6:-2] == [
         *(f"{wrong} {typed!r}." for typed in ("30", "30 x", "1e999 3", "30 20 nan 1")),
+        "Write decimals with a point, such as 30.5 55; got '30,5 55'.",
+        "Write decimals with a point, such as 30.5 55; got '30 55,5'.",
+        "A touch has at most 10 places.",
         "A force has to be above 0 N, got -2.",
         "(500, 20) mm is outside the sensor, which reaches from (0, 0) to (100, 100) mm.",
     ]

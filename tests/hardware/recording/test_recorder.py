@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -31,6 +32,14 @@ def record(path: Path, skin: Sensor, frames: list[Frame]) -> None:
         recorder.label(3, 4, x_m=0.01, y_m=0.02, depth_mm=3.0, state="a")
         recorder.label(5, 5)
         recorder.event("x" + "ü" * 200, 5.3)
+
+
+def test_a_sensor_that_no_file_can_describe_is_refused_before_a_frame_is_lost(
+    tmp_path: Path, skin: Sensor
+) -> None:
+    with pytest.raises(InputError, match="described wrongly: name"):
+        Recorder(tmp_path / "a.h5", replace(skin, name="Skin wide"), "fake")
+    assert not (tmp_path / "a.h5").exists()
 
 
 def test_what_is_recorded_is_read_bit_by_bit(tmp_path: Path, skin: Sensor, frames: Frames) -> None:

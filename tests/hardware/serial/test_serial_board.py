@@ -220,6 +220,34 @@ def test_a_board_that_missed_its_start_is_told_again(
     assert missed
 
 
+@pytest.mark.usefixtures("impatient")
+def test_frames_that_are_all_damaged_are_told(
+    serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As those of a new firmware whose checksum is another one."""
+    server = serve("teensy", 100.0)
+    encode = server._device.encode
+    monkeypatch.setattr(server._device, "encode", lambda *frame: encode(*frame)[:-1] + b"?")
+    with (
+        on("teensy", server.port) as board,
+        pytest.raises(BoardError, match="all are damaged: its firmware makes another checksum"),
+    ):
+        start_and_read(board)
+
+
+@pytest.mark.usefixtures("impatient")
+def test_lines_that_are_short_and_rare_are_told(
+    serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = serve("teensy", 40.0)
+    monkeypatch.setattr(server._device, "encode", lambda *frame: b"alive\n")
+    with (
+        on("teensy", server.port) as board,
+        pytest.raises(BoardError, match="sends text that no known board sends, such as 'alive'"),
+    ):
+        start_and_read(board)
+
+
 def test_a_command_that_is_refused_is_named(serve: Serve) -> None:
     server = serve("sciospec", nominal=sensor("jku-tank-adjacent"))
     with (

@@ -112,3 +112,32 @@ def test_a_square_ring_of_electrodes_has_the_eight_symmetries_of_a_square() -> N
     uneven = replace(foam, outline=oblong, electrodes=electrodes)
     model = forward_model(uneven)
     assert len(motions(uneven, model.jacobian(model.background))) < 8
+
+
+def test_the_rim_is_a_place_on_the_sensor_and_what_is_beyond_it_is_not() -> None:
+    square, disc = sensor("foam16"), sensor("ktc2023")
+    assert isinstance(disc.outline, Disc)
+    for made in (square, disc):
+        outline = made.outline
+        for x, y in outline.point(np.linspace(0, outline.perimeter, 41)).tolist():
+            made.check_place(x, y)
+            beyond = outline.centre + 1.0001 * (np.array([x, y]) - outline.centre)
+            with pytest.raises(InputError, match="is outside the sensor"):
+                made.check_place(*beyond.tolist())
+
+
+def test_a_notch_is_not_part_of_a_sensor() -> None:
+    notched = Polygon(((0, 0), (4, 0), (4, 4), (2, 1), (0, 4)))
+    assert notched.reaches([2, 2, 1, np.inf], [1, 1.01, 1, 0]).tolist() == [
+        True,
+        False,
+        True,
+        False,
+    ]
+
+
+def test_widths_that_overlap_are_told_in_mm() -> None:
+    foam = sensor("foam16")
+    wide = tuple(replace(electrode, width=0.03) for electrode in foam.electrodes)
+    with pytest.raises(InputError, match="30 mm and 30 mm wide and 25 mm apart"):
+        replace(foam, electrodes=wide)

@@ -1,5 +1,6 @@
 """References in files, released frames and differences: what a touch is compared with."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,16 +10,22 @@ import scipy.io
 from tests.support.frame_files import VALUES, Import
 from tests.support.pressed_skin import SKIN, pressed_skin
 
-from eitbench.hardware.recording.exchange import export_recording, import_recording
+from eitbench.hardware.recording.exchange import (
+    export_recording,
+    import_recording,
+    write_recording,
+)
 from eitbench.hardware.recording.importing.arrays import Choice
 from eitbench.hardware.recording.importing.labels import FramesOf, as_labels, parsed, placed
 from eitbench.hardware.recording.importing.recording import ImportOptions
 from eitbench.hardware.recording.importing.unordered import unordered_frames
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import EitbenchError, InputError
-from eitbench.scenarios.recordings.fetch import read_recording
+from eitbench.scenarios.recordings.fetch import read_recording, reference_frames
+from eitbench.scenarios.recordings.files.pairs import from_pairs
 from eitbench.scenarios.recordings.files.recording_file import read_file
 from eitbench.scenarios.recordings.quality import check
+from eitbench.scenarios.sensors.patterns import DrivePattern
 from eitbench.scenarios.suites.scenario import RecordedScenario
 
 
@@ -80,6 +87,39 @@ def test_a_recording_is_the_reference_of_others(tmp_path: Path, imported: Import
     imported("a.npy")
     with pytest.raises(InputError, match="marks no frames of the untouched sensor"):
         imported("a.npy", reference=str(tmp_path / "2-out.h5"))
+
+
+def test_references_of_touches_are_untouched_frames(tmp_path: Path) -> None:
+    released, pressed, places = pressed_skin(4)
+    path = tmp_path / "skin.h5"
+    write_recording(from_pairs(released, pressed, SKIN, "bench", places), path)
+    np.testing.assert_array_equal(unordered_frames(path, [208]), released)
+    np.testing.assert_array_equal(reference_frames(str(path))[1], released)
+    np.save(tmp_path / "a.npy", pressed)
+    np.save(tmp_path / "complex.npy", 1j * pressed)
+    turned = replace(SKIN, pattern=DrivePattern(SKIN.pattern.table[::-1], magnitudes=False))
+    for name, choice, found in (
+        ("a.npy", Choice(), [*released, *pressed]),
+        ("complex.npy", Choice(part="magnitude"), np.abs([*released, *pressed])),
+    ):
+        options = ImportOptions(choice, reference=str(path))
+        out = tmp_path / f"{name}.h5"
+        import_recording([str(tmp_path / name)], out, SKIN, options)
+        np.testing.assert_allclose(read_file(out)[0].values, found)
+    with pytest.raises(InputError, match="of another drive pattern than those of sensor 'bench'"):
+        import_recording(
+            [str(tmp_path / "a.npy")], tmp_path / "b.h5", turned, ImportOptions(reference=str(path))
+        )
+
+
+def test_a_row_of_a_sheet_without_a_place_is_no_touch(tmp_path: Path, imported: Import) -> None:
+    """Whether its frame is counted or named."""
+    np.save(tmp_path / "a.npy", VALUES)
+    sheet = tmp_path / "sheet.csv"
+    sheet.write_text("frame,x_mm,y_mm\n0,,\n2,10,20\n3,,\n4,20,20\n")
+    content, said = imported("a.npy", labels=sheet)
+    assert content.labels["first"].tolist() == [2, 4]
+    assert "2 rows without a place or another value" in said
 
 
 def test_new_labels_keep_the_references_of_touches(tmp_path: Path, imported: Import) -> None:
