@@ -36,7 +36,7 @@ bench: $(STAMPS)/test  ## speed, measured beside rivals in one run (docs/speed.m
 	$(BIN)/python tests/speed/ratios.py .benchmarks/last.json
 
 mutants: $(STAMPS)/mutants  ## mutation testing of what scores methods, hours (CONTRIBUTING.md)
-	$(BIN)/python tests/mutation/mutate.py
+	$(BIN)/python tests/mutation/mutate.py $(MUTANTS)
 
 docs: $(STAMPS)/docs  ## the documentation as a site, in build/site/docs; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

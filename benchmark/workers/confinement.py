@@ -28,6 +28,7 @@ _WRITING = _WRITE_FILE | _TRUNCATE | sum(1 << bit for bit in range(4, 14))  # ma
 _READING = _EXECUTE | _READ_FILE | _READ_DIR
 _SCOPES = 0b11  # no signals and no abstract sockets to processes outside
 _TRUNCATE_ABI, _SCOPES_ABI = 3, 6
+_APPARMOR = Path("/proc/sys/kernel/apparmor_restrict_unprivileged_userns")
 # linux/prctl.h, linux/sched.h, linux/mount.h
 _PR_SET_NO_NEW_PRIVS = 38
 _MOUNTS_AND_USERS, _NETWORK = 0x20000 | 0x10000000, 0x40000000  # kinds of namespaces
@@ -64,7 +65,7 @@ class Confinement:
         if self.readable is not None:
             # Before anything is noted: this is not what the method does.
             _hide(("/run", util.get_temp_dir()), _NETWORK)
-        elif landlock_abi() >= _TRUNCATE_ABI:
+        elif landlock_abi() >= _TRUNCATE_ABI and _may_hide():
             with suppress(OSError):  # where that is allowed
                 _hide((util.get_temp_dir(),))
         self.watch.begin()
@@ -93,6 +94,12 @@ def check_isolation() -> None:
         raise InputError(
             "--isolate needs Linux 6.12 or newer with Landlock: run in a container or a virtual "
             "machine instead."
+        )
+    if not _may_hide():
+        raise InputError(
+            "--isolate needs user namespaces with rights of their own, which AppArmor forbids "
+            "here: run `sudo sysctl -w kernel.apparmor_restrict_unprivileged_userns=0`, or in a "
+            "container or a virtual machine."
         )
     # In another process: leaving cannot be taken back, and this one may have many threads.
     kinds = _MOUNTS_AND_USERS | _NETWORK
@@ -162,6 +169,15 @@ def _restrict(writable: Sequence[Path], readable: Sequence[Path] | None) -> None
     _called(libc.prctl, _PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
     _called(libc.syscall, _RESTRICT_SELF, ruleset, 0)
     os.close(ruleset)
+
+
+def _may_hide() -> bool:
+    """False where AppArmor lets users make a namespace in which they may do nothing."""
+    try:
+        forbidden = _APPARMOR.read_text().strip() == "1"
+    except OSError:  # no AppArmor
+        forbidden = False
+    return not forbidden or os.geteuid() == 0
 
 
 def _hide(folders: Sequence[str], more: int = 0) -> None:

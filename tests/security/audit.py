@@ -31,7 +31,9 @@ def ask(service: str) -> Report:
 def audit(ask: Callable[[str], Report] = ask) -> tuple[list[str], int]:
     """Return sentences on the installed packages, and the exit code."""
     for service in SERVICES:
-        packages = ask(service).get("dependencies", [])
+        # pip is that of the Python here: it is no dependency, and nobody installs it by ours.
+        found = ask(service).get("dependencies", [])
+        packages = [package for package in found if package["name"] != "pip"]
         known = [package for package in packages if "vulns" in package]
         if known:
             return _sentences(known, len(packages) - len(known), service)

@@ -25,7 +25,8 @@ def audit(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_a_known_vulnerability_fails(audit: Any) -> None:
-    assert audit(lambda service: {"dependencies": [FINE, BROKEN, UNLISTED]}) == (
+    pip = BROKEN | {"name": "pip"}  # comes with Python
+    assert audit(lambda service: {"dependencies": [FINE, BROKEN, UNLISTED, pip]}) == (
         [
             "b 2 has the known vulnerability PYSEC-1: install 2.1 or 3.0.",
             "b 2 has the known vulnerability PYSEC-2: no version without it is known.",

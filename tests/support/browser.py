@@ -12,7 +12,8 @@ def browser() -> Iterator[Any]:
     playwright = pytest.importorskip(
         "playwright.sync_api", reason="needs Playwright: install the extra `test`"
     )
-    chromium = shutil.which("chromium")
+    names = ("chromium", "google-chrome", "chromium-browser")
+    chromium = next((found for name in names if (found := shutil.which(name))), None)
     if chromium is None:
         pytest.skip("needs Chromium: install the program `chromium`")
     with playwright.sync_playwright() as started:

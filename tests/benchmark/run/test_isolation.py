@@ -16,6 +16,7 @@ from eitbench.benchmark.workers.worker import LOG_LIMIT, _PluginReader, serve
 from eitbench.scenarios.suites.suite import Suite
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork: run on Linux or macOS")
+SIGRTMIN = getattr(signal, "SIGRTMIN", 0)  # macOS has none
 HOSTILE = Path(__file__).parents[1] / "data" / "hostile_methods.py"
 
 
@@ -37,7 +38,7 @@ def run(tiny: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("noser", "ok", ""),
         ("behaves", "ok", ""),
         ("segfaults", "error", "died of SIGSEGV"),
-        ("dies-of-a-signal", "error", f"died of signal {signal.SIGRTMIN + 6}"),
+        ("dies-of-a-signal", "error", f"died of signal {SIGRTMIN + 6}"),
         ("is-killed", "out-of-memory", "its process was killed (out of memory, or by hand)"),
         ("kills-its-guard", "out-of-memory", "its process was killed (out of memory, or by hand)"),
         ("kills-the-server", "ok", ""),
