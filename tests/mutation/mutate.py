@@ -35,7 +35,15 @@ METRICS = "tests/benchmark/metrics"
 TARGETS = {
     **{
         f"benchmark/metrics/{name}.py": (METRICS,)
-        for name in ("image_metrics", "tactile", "operator_metrics", "evaluation", "aggregation")
+        for name in (
+            "image_metrics",
+            "tactile",
+            "operator_metrics",
+            "evaluation",
+            "aggregation",
+            "uncertainty",
+            "novelty",
+        )
     },
     "benchmark/metrics/specs.py": (METRICS, "tests/benchmark/analysis/test_standings.py"),
     "benchmark/metrics/statistics.py": (

@@ -1,6 +1,7 @@
 """Figures of draws whose posterior is known."""
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -97,6 +98,38 @@ def test_the_squared_error_is_the_product_of_the_errors_of_two_samplers() -> Non
     ]
     assert row["rhat"] == max(of_traces) > 1.1 * min(of_traces)
     assert row["effective"] == 0.4  # of the sampler that has less
+    (true,) = traces(data.conductivity[:1], data.sensor)
+    ranks = [row[f"rank_{name}"] for name in TRACES]
+    assert ranks == pytest.approx((weights @ (traced < true)).tolist())
+    assert len({*ranks}) > 1
+    # Of what is not touched all traces are 0; of what is touched everywhere, area and strength.
+    for truth, rank, names in ((1.0, 0, TRACES), (0.1, 1, TRACES[2:])):
+        row, _ = _frame(data, 0, np.full_like(data.conductivity[0], truth), drawn, families)
+        assert [row[f"rank_{name}"] for name in names] == pytest.approx([rank] * len(names))
+
+
+def test_a_truth_that_all_draws_have_is_at_any_rank_and_families_weigh_as_their_draws() -> None:
+    both = SCENARIO.model_copy(update={"families": ("circle", "ring"), "test": 12})
+    data, priors = load(both, "test"), priors_of(both)
+    longest = max(prior.draw(1, np.random.default_rng(0)).shape[1] for prior in priors)
+    vectors = np.zeros((3, longest))
+    for k, prior in enumerate((priors[0], priors[1], priors[1])):
+        (one,) = prior.draw(1, np.random.default_rng(k))
+        vectors[k, : len(one)] = one
+    which, weights = np.array([0, 1, 1]), np.array([0.5, 0.2, 0.3])
+    drawn = {name: Draws(which, vectors, weights, 1.0) for name in PROPOSALS}
+    families = [prior.parameters for prior in priors]
+    (truth,) = images(families, which[:1], vectors[:1])
+    found = []
+    for sample in range(12):
+        row, _ = _frame(data, sample, truth, drawn, families)
+        assert row["likely_circle"] == pytest.approx(0.5)
+        assert row["likely_ring"] == pytest.approx(0.5)
+        found.append(cast("float", row["rank_x"]))
+    (first, *others) = traces(images(families, which, vectors), data.sensor)[:, 0]
+    below = weights[1:] @ (np.array(others) < first)
+    assert below <= min(found) < max(found) <= below + 0.5
+    assert max(found) - min(found) > 0.2  # chance says where
 
 
 def frames(n: int, ranks: np.random.Generator, width: float) -> pd.DataFrame:
@@ -108,6 +141,18 @@ def frames(n: int, ranks: np.random.Generator, width: float) -> pd.DataFrame:
         **dict.fromkeys(("psnr", "ssim", "cc", "rie", "localisation_mm"), 1.0),
         **{f"rank_{name}": 0.5 + width * (ranks.random(n) - 0.5) for name in TRACES},
     })  # fmt: skip
+
+
+def test_shares_and_errors_of_trusted_and_of_exact_frames() -> None:
+    table = frames(6, np.random.default_rng(3), 1.0).assign(
+        mse=[1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7],
+        rhat=[1.0, 1.009, 1.01, 1.2, np.inf, 1.0],
+        effective=[0.0, 0.29, 0.3, 1.0, 0.3, 0.2],
+    )
+    (row,) = summary(table).to_dict("records")
+    assert (row["agreed"], row["exact"]) == (0.5, 0.5)
+    assert row["agreed_psnr"] == pytest.approx(-10 * np.log10((1e-2 + 1e-3 + 1e-7) / 3))
+    assert row["exact_psnr"] == pytest.approx(-10 * np.log10((1e-4 + 1e-5 + 1e-6) / 3))
 
 
 def test_a_calibrated_posterior_has_uniform_ranks_and_others_do_not() -> None:

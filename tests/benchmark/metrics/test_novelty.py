@@ -93,6 +93,23 @@ def test_residuals_do_not_depend_on_the_units_of_a_board() -> None:
         assert (values > 0).all()
 
 
+def test_what_is_out_of_range_counts_as_its_end_whatever_the_background() -> None:
+    data = load(SCENARIO, "test")
+    grey = replace(data, sensor=replace(data.sensor, background=0.4))
+    low, high = grey.sensor.conductivity_range
+    model = forward_model(grey.sensor)
+    untouched = model.voltages(model.background)
+    for beyond, limit in ((10.0, high), (-3.0, low), (0.0, low)):
+        image, within = np.float32(0.4) * known(data), 0.4 * known(data).astype(np.float64)
+        image[:, 5:9, 5:9], within[:, 5:9, 5:9] = beyond, 0.4 * limit
+        found = residuals(grey, image)["residual"]
+        for n, reference in enumerate(grey.references):
+            gain = reference @ untouched / (untouched @ untouched)
+            explained = reference + gain * (model.voltages(within[n]) - untouched)
+            right = np.linalg.norm(grey.voltages[n] - explained) / np.linalg.norm(reference)
+            assert found[n] == pytest.approx(right, rel=1e-6)
+
+
 def test_an_image_that_is_not_finite_or_not_positive_is_no_error() -> None:
     data = load(SCENARIO, "test")
     images = known(data)

@@ -140,6 +140,38 @@ def test_sparsification_of_the_right_order_and_of_none() -> None:
     np.testing.assert_allclose(left_over(np.sort(errors), equal), errors.mean())
 
 
+def test_ause_is_the_error_that_a_wrong_order_leaves_over_that_of_all() -> None:
+    """With draws 0 and 0, and +s and -s, deviations are in the order of s, whatever is true."""
+    errors = np.linspace(0.01, 1, 200)
+    image = np.zeros(200)
+
+    def of(spread: Array) -> float:
+        draws = np.outer([0, 0, 1, -1], spread)
+        return float(figures_of_draws(errors, draws, image, 1.0)["ause"])
+
+    assert of(errors) == pytest.approx(0, abs=1e-9)
+    left = np.round(200 * (1 - np.array(REMOVED))).astype(int)
+    kept = [errors[-n:].mean() - errors[:n].mean() for n in left]  # those with the largest stay
+    assert of(errors[::-1]) == pytest.approx(np.mean(kept) / errors.mean(), rel=1e-3)
+
+
+def test_pixels_that_say_nothing_are_those_of_a_share_of_the_range() -> None:
+    truth, draws = normal()
+    narrow = np.where(np.arange(PIXELS) % 2, 1e-3, 1.0)  # half of them vary by 0.5 % of the range
+    one = figures_of_draws(truth * narrow, draws * narrow, truth, 1.0)["ranks"]
+    seven = figures_of_draws(7 * truth * narrow, 7 * draws * narrow, truth, 7.0)["ranks"]
+    np.testing.assert_allclose(one, seven)
+    every = figures_of_draws(7 * truth * narrow, 7 * draws * narrow, truth, 1.0)["ranks"]
+    assert np.abs(every - one).max() > 1e-4
+
+
+def test_the_radius_of_places_holds_95_percent_of_those_drawn_in_mm() -> None:
+    away = np.repeat(np.arange(1, 20), 2) * np.tile([1e-3, -1e-3], 19)  # and one in the middle
+    places = np.stack([np.append(away, 0), np.zeros(39)], axis=1)
+    found = place_figures(places[None], np.zeros((1, 2)))
+    assert found["place_radius_mm"][0] == pytest.approx(19)  # 38 of 39 would be 18.1 between
+
+
 def test_places_of_one_more_draw_are_covered_as_stated() -> None:
     rng = np.random.default_rng(4)
     together = rng.standard_normal((4000, DRAWS + 1, 2)) * [0.003, 0.001]
