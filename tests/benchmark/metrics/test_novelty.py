@@ -107,7 +107,7 @@ def test_what_is_out_of_range_counts_as_its_end_whatever_the_background() -> Non
             gain = reference @ untouched / (untouched @ untouched)
             explained = reference + gain * (model.voltages(within[n]) - untouched)
             right = np.linalg.norm(grey.voltages[n] - explained) / np.linalg.norm(reference)
-            assert found[n] == pytest.approx(right, rel=1e-6)
+            assert found[n] == pytest.approx(right, rel=1e-5)  # float32
 
 
 def test_an_image_that_is_not_finite_or_not_positive_is_no_error() -> None:

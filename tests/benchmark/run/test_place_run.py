@@ -41,6 +41,13 @@ class Similar(Memory):
         x = self.problem.unit(differences)[:, :2]
         return 3 * x[:, ::-1] @ np.array([[0.6, 0.8], [-0.8, 0.6]]) + 5
 
+@register_place_method("plain")
+class Plain(Memory):
+    """What a frame knows itself."""
+
+    def locate(self, differences):
+        return self.problem.unit(differences)[:, :2]
+
 @register_place_method("lost")
 class Lost(Memory):
     """No place at all."""
@@ -153,7 +160,9 @@ def test_places_are_registered_outside_the_method(tmp_path: Path) -> None:
     """A method that says a similarity of a place is as good as one that says the place."""
     plugin = tmp_path / "similar.py"
     plugin.write_text(PLUGIN)
-    plan = make_plan(suite_of(tmp_path, "0"), methods=["one-place", "lost"], plugins=[plugin])
+    plan = make_plan(
+        suite_of(tmp_path, "0"), methods=["one-place", "lost", "plain", "similar"], plugins=[plugin]
+    )
     run = start_run(plan, tmp_path / "run").path
     samples = pd.read_parquet(run / "samples.parquet").set_index("method")
     places = PlaceData.load(
@@ -161,6 +170,9 @@ def test_places_are_registered_outside_the_method(tmp_path: Path) -> None:
     ).transfer.registration.places
     found = samples.loc["one-place", ["found_x_m", "found_y_m"]].to_numpy()
     np.testing.assert_allclose(found, np.tile(np.median(places, axis=0), (10, 1)))
+    away = {name: of["localisation_mm"].to_numpy() for name, of in samples.groupby("method")}
+    np.testing.assert_allclose(away["similar"], away["plain"], rtol=1e-6)
+    assert np.ptp(away["plain"]) > 1  # they are found, not placed in the middle
     lost = samples.loc["lost"]
     assert (lost["status"] == "invalid-output").all()
     np.testing.assert_allclose(lost["localisation_mm"], 1e3 * np.hypot(0.1, 0.08), rtol=0.01)

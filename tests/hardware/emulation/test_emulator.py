@@ -65,38 +65,51 @@ def collect(board: Emulator, seconds: float) -> list[Frame]:
     return frames
 
 
+def until(board: Emulator, value: float) -> list[Frame]:
+    """Frames up to the first that is `value`, however long they take."""
+    frames: list[Frame] = []
+    end = time.monotonic() + 60
+    while not frames or frames[-1].values[0] != value:
+        assert time.monotonic() < end, f"no frame of {value} came"
+        for frame in board.frames(0.05):
+            frames.append(frame)
+            if frame.values[0] == value:
+                break
+    return frames
+
+
 def test_a_script_presses_at_its_time(sensed: None, tmp_path: Path) -> None:
     path = tmp_path / "touches.toml"
     path.write_text(SCRIPT)
     with Emulator(foam16(), script=path, rate_hz=50.0) as board:
         board.start()
-        frames = collect(board, 1.4)
+        until(board, 2.0)
+        until(board, 1.0)
         assert isinstance(board._emulated, Sensed)
         touched = {t: touches for t, touches in board._emulated.touched if touches}
     assert 0.5 <= min(touched) <= max(touched) < 1.0
     assert touched[min(touched)] == [Touch(0.03, 0.06, 0.006, 20e3)]
-    assert {frame.values[0] for frame in frames} == {1.0, 2.0}
 
 
 def test_a_hand_presses_until_it_is_taken_off(sensed: None, fast: Emulator) -> None:
     fast.open()
     fast.start()
-    assert {f.values[0] for f in collect(fast, 0.2)} == {1.0}
+    until(fast, 1.0)
     assert isinstance(fast._emulated, Sensed)
     # The first is made before the board is open. None begins before the one before it ends.
     assert fast._emulated.frame_s == {FRAME_S, 1 / 50.0}
     fast.press(0.05, 0.05, 0.01, 10e3)
-    collect(fast, 0.2)  # what was measured before
-    assert {f.values[0] for f in collect(fast, 0.2)} == {2.0}
+    until(fast, 2.0)
+    assert {f.values[0] for f in collect(fast, 0.2)} <= {2.0}  # none goes back
     fast.release()
-    collect(fast, 0.2)
-    assert {f.values[0] for f in collect(fast, 0.2)} == {1.0}
+    until(fast, 1.0)
+    assert {f.values[0] for f in collect(fast, 0.2)} <= {1.0}
 
 
 def test_switched_off_and_on_again_it_is_the_same_sensor(sensed: None, fast: Emulator) -> None:
     fast.open()
     fast.start()
-    assert fast.frames(2.0)
+    until(fast, 1.0)
     before = fast._emulated
     assert isinstance(before, Sensed)
     fast.switch_off()
@@ -104,7 +117,7 @@ def test_switched_off_and_on_again_it_is_the_same_sensor(sensed: None, fast: Emu
         collect(fast, 30.0)
     fast.open()
     fast.start()
-    assert fast.frames(2.0)[0].number == 0
+    assert until(fast, 1.0)[0].number == 0
     assert fast._emulated is before
     times = [t for t, _ in before.touched]
     assert times == sorted(times)  # the sensor has aged meanwhile
