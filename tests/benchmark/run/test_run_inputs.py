@@ -178,7 +178,7 @@ def test_a_hanging_frame_is_lost_alone(
     plugin = tmp_path / "plugin.py"
     plugin.write_text(HANGS)
     monkeypatch.setenv("HANGS", repr(float(data.voltages[2].max())))
-    suite = tiny.model_copy(update={"frame_limit_s": 0.5})
+    suite = tiny.model_copy(update={"frame_limit_s": 3.0})
     plan = make_plan(suite, methods=["hangs-on-one"], plugins=[plugin])
     samples = pd.read_parquet(start_run(plan, tmp_path / "run").path / "samples.parquet")
     assert samples["status"].tolist() == ["ok", "ok", "timeout", "ok", "ok"]
