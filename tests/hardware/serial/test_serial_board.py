@@ -46,9 +46,9 @@ def start_and_read(board: SerialBoard) -> None:
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """A board that sends nothing useful is looked into at once."""
-    monkeypatch.setattr(serial_board, "_PATIENCE_S", 0.1)
-    monkeypatch.setattr(serial_board, "_ANSWER_S", 0.1)
-    monkeypatch.setattr(serial_board, "_SILENCE_S", 0.1)
+    monkeypatch.setattr(serial_board, "_PATIENCE_S", 0.5)
+    monkeypatch.setattr(serial_board, "_ANSWER_S", 0.5)
+    monkeypatch.setattr(serial_board, "_SILENCE_S", 0.5)
 
 
 def test_a_port_that_goes_while_it_is_set_up_is_lost_in_a_sentence(
@@ -202,7 +202,7 @@ def test_a_board_that_missed_its_start_is_told_again(
     name: str, serve: Serve, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One is silent then, the other sends another number of values."""
-    monkeypatch.setattr(serial_board, "_SILENCE_S", 0.3)
+    monkeypatch.setattr(serial_board, "_SILENCE_S", 1.0)
     server = serve(name, 40.0)
     obey, missed = server._device.obey, list[bytes]()
     with on(name, server.port) as board:
