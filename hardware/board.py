@@ -16,7 +16,7 @@ class BoardError(EitbenchError):
 
 
 class BoardLostError(BoardError):
-    """A board that went away while it was in use: unplugged, or without power."""
+    """A board that is not there, or went away: unplugged, or without power."""
 
 
 @dataclass(frozen=True, eq=False)

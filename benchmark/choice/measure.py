@@ -28,10 +28,12 @@ from eitbench.benchmark.rundir.manifest import cpu_model
 from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.benchmark.rundir.tables import read_parquet
 from eitbench.benchmark.tuning.selection import TuningBudget, recorded_selection
+from eitbench.benchmark.tuning.trials import LEAST_PRESSES, choose_by_chance
 from eitbench.benchmark.tuning.tuner import tune
 from eitbench.methods.registry import methods as known_methods
 from eitbench.methods.registry import source_hash
-from eitbench.scenarios.errors import DataUnavailableError, EitbenchError, InputError
+from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.storage.folders import check_empty
 from eitbench.scenarios.suites.scenario import Scenario
 from eitbench.scenarios.suites.suite import Suite
@@ -165,10 +167,9 @@ def parameters_of(
     if record is not None:
         return record["parameters"], "record"
     alone = suite.model_copy(update={"scenarios": (scenario,)})
-    try:
-        found = [of for *_, of in tune(make_plan(alone, methods=[method]), folder, budget=budget)]
-    except DataUnavailableError:  # too few presses
-        return {}, "default"
+    if choose_by_chance(load(scenario, split="validation", limit=LEAST_PRESSES)):
+        return {}, "few presses"
+    found = [of for *_, of in tune(make_plan(alone, methods=[method]), folder, budget=budget)]
     if not found:
         return {}, "none"
     if sum(trial.figure is not None for trial in found[0].trials) > 1:

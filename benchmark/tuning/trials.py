@@ -156,6 +156,11 @@ LEAST_PRESSES = 8
 by, and this has four unknowns: it maps two of three points exactly, whatever the images are."""
 
 
+def choose_by_chance(data: Dataset) -> bool:
+    """True of presses that are too few to choose parameters by."""
+    return data.truth == "position" and len(data) < LEAST_PRESSES
+
+
 class Validation:
     """The validation frames of one scenario and the worker that answers them.
 

@@ -43,6 +43,7 @@ from eitbench.benchmark.tuning.trials import (
     PARTS,
     BudgetSpentError,
     Validation,
+    choose_by_chance,
     ranked_by,
     run_trial,
 )
@@ -176,7 +177,7 @@ def _figure(scenario: Scenario) -> str:
     """The figure that validation data are ranked by; "" if there is none, or too few data."""
     try:
         data = load(scenario, split="validation", limit=LEAST_PRESSES)
-        if data.truth == "position" and len(data) < LEAST_PRESSES:
+        if choose_by_chance(data):
             _log.warning(
                 "Scenario %r is left out: parameters that are chosen on %d presses are chosen by "
                 "chance. At least %d are needed; every fifth touch of a recording is one of them.",

@@ -24,7 +24,8 @@ _UNTOUCHED = 10  # times the reference of a set comes before its frames, as from
 class Replay(Board):
     """A recorded set or a recording, played back.
 
-    A recorded set begins with a second of its reference. After its last frame no more come.
+    A recorded set begins with a second of its reference, and so does a recording whose first frames
+    are not marked as such. After its last frame no more come.
 
     Args:
         file: name of a recorded set, or the path of a recording (.h5).

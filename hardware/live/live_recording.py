@@ -32,16 +32,17 @@ class LiveRecording:
     Attributes:
         path: the file.
         frames: frames that were handed to it.
-        touches: touches that were labelled.
         has_reference: reference frames were marked.
+        places: of the touches that were labelled [m].
         failed: reason why it ended early; "" if it did not.
     """
 
     def __init__(self, recorder: Recorder) -> None:
         self.path = recorder.path
         self.frames = 0
-        self.touches = 0
         self.has_reference = False
+        self.places = list[tuple[float, float]]()
+        self._refused: tuple[int, int] | None = None
         self.failed = ""
         self._touch: _Touch | None = None
         self._recorder: Recorder | None = recorder
@@ -75,12 +76,20 @@ class LiveRecording:
         """Write an event, if the recording runs."""
         self._write(lambda recorder: recorder.event(text, time_s))
 
-    def mark_reference(self, count: int) -> None:
-        """Mark the last `count` frames as reference frames."""
-        if self.frames >= count:
-            self._write(
-                lambda recorder: recorder.mark_reference(self.frames - count, self.frames - 1)
-            )
+    def mark_reference(self, count: int, *, refused: bool = False) -> None:
+        """Mark the last `count` frames as reference frames.
+
+        Args:
+            count: number of frames.
+            refused: images cannot be made with them: they are marked at the end, if no others were.
+        """
+        if self.frames < count:
+            return
+        rows = self.frames - count, self.frames - 1
+        if refused:
+            self._refused = rows
+        else:
+            self._write(lambda recorder: recorder.mark_reference(*rows))
             self.has_reference = True
 
     def touched(self, x_m: float, y_m: float) -> None:
@@ -103,11 +112,16 @@ class LiveRecording:
         if touch is not None and touch.first is not None:
             state = f"{1e3 * touch.x_m:.1f} {1e3 * touch.y_m:.1f}"
             recorder.label(touch.first, touch.last, x_m=touch.x_m, y_m=touch.y_m, state=state)
-            self.touches += 1
+            self.places.append((touch.x_m, touch.y_m))
 
     def close(self) -> None:
         """Write the rest and close the file; no error if it is closed."""
         self.released()
+        if self._refused is not None and not self.has_reference:
+            # A reversed sign, say, can be mended later: these frames show no touch all the same.
+            first, last = self._refused
+            self._write(lambda recorder: recorder.mark_reference(first, last))
+            self.has_reference = True
         with self._lock:
             recorder, self._recorder = self._recorder, None
         if recorder is not None:

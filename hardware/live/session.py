@@ -18,7 +18,12 @@ from eitbench.hardware.board import Board, BoardError, Frame
 from eitbench.hardware.live.imaging import REFERENCE_FRAMES, Imaging, reference_of, sentence_of
 from eitbench.hardware.live.live_recording import LiveRecording
 from eitbench.hardware.live.viewer import LiveImage
-from eitbench.hardware.recording.guided import MIN_TOUCHES, suite_path, write_suite
+from eitbench.hardware.recording.guided import (
+    MIN_TOUCHES,
+    registration_lacks,
+    suite_path,
+    write_suite,
+)
 from eitbench.hardware.recording.loop import FrameRenumbering, Monitor
 from eitbench.hardware.recording.recorder import Recorder
 from eitbench.scenarios.arrays import Array
@@ -163,8 +168,11 @@ class Session:
     def state(self) -> dict[str, object]:
         """State of board, method and recording, as plain values."""
         recording, status = self._recording, self._status
-        # Without frames of the untouched sensor no suite is written.
-        scored = recording is not None and recording.has_reference
+        scored = (
+            recording is not None
+            and recording.has_reference
+            and not registration_lacks(recording.places)
+        )
         taken, board = self._reference_frames, self._board_state()
         return {
             "board": board,
@@ -186,7 +194,7 @@ class Session:
                 "file": str(recording.path),
                 "running": recording.running,
                 "frames": recording.frames,
-                "touches": recording.touches,
+                "touches": len(recording.places),
                 "enough": MIN_TOUCHES,
                 "suite": str(recording.path.with_suffix(".toml")) if scored else "",
                 "failed": recording.failed,
@@ -199,7 +207,7 @@ class Session:
             return
         was_running = recording.running
         recording.close()
-        if was_running and recording.touches and recording.has_reference and not recording.failed:
+        if was_running and recording.places and recording.has_reference and not recording.failed:
             path, sensor = recording.path, self.board.sensor
             try:
                 write_suite(suite_path(path), path, sensor, self.name, emulated=self.board.emulated)
@@ -258,12 +266,13 @@ class Session:
             self.imaging.add(frame)
 
     def _finish_reference(self, frames: list[Array]) -> None:
-        if self._recording is not None:  # whatever is wrong with it, these frames show no touch
-            self._recording.mark_reference(REFERENCE_FRAMES)
         try:
             self.imaging.reference = reference_of(self.board.sensor, frames)
         except InputError as error:
             self._reference_failed = str(error)
+        if self._recording is not None:
+            refused = bool(self._reference_failed)
+            self._recording.mark_reference(REFERENCE_FRAMES, refused=refused)
         # Unless it was asked for again meanwhile.
         if self._reference_frames is frames:
             self._reference_frames = None

@@ -4,10 +4,12 @@ import json
 import math
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Thread
+
+import numpy as np
 
 from eitbench.hardware.board import Board, BoardError
 from eitbench.hardware.recording.loop import Status, record
@@ -89,7 +91,7 @@ class GuidedSession:
         self._ask, self._say = ask, say
         self._timing = timing or StepDurations()
         self.touches = 0
-        self._places = list[str]()  # of all touches
+        self._places = list[tuple[float, float]]()  # of all touches
         self._status: Status | None = None
         self._stop = Event()
         self._failure: Exception | None = None
@@ -143,20 +145,8 @@ class GuidedSession:
     @property
     def lacks(self) -> str:
         """See the class."""
-        found = "Every fifth touch is used to find how images map to places"
-        if self.touches < MIN_TOUCHES:
-            return (
-                f"No suite is written: only {counted(self.touches, 'touch', 'touches')} so far. "
-                f"{found}, and 3 such touches are needed. Record again, with at least "
-                f"{MIN_TOUCHES} touches."
-            )
-        if (count := len(set(self._places[::5]))) < 3:
-            return (
-                f"No suite is written. {found}, and touches 1, 6, 11, ... are at "
-                f"{counted(count, 'place')}: 3 places are needed. Record again, and repeat places "
-                "less often or touch more of them."
-            )
-        return ""
+        lacks = registration_lacks(self._places)
+        return f"No suite is written: {lacks} Record again." if lacks else ""
 
     def _registering(self) -> str:
         """Which touches find how images map to places, and where they do it well: a sentence."""
@@ -203,7 +193,7 @@ class GuidedSession:
                 reference_last=until,
             )
         self.touches += 1
-        self._places.append(state)
+        self._places.append((contacts[0].x_m, contacts[0].y_m))
         if self._board.can_be_pressed:
             self._board.release()
         else:
@@ -262,8 +252,11 @@ def _pressure_pa(contact: _Contact) -> float:
 
 
 def _contact(typed: str) -> _Contact:
-    if re.search(r"\d,\d", typed) and re.search(r"[\d.]\s+[-+\d.]", typed.strip()):
-        raise InputError(f"Write decimals with a point, such as 30.5 55; got {typed.strip()!r}.")
+    if re.search(r"\d,\d", typed) and re.search(r"\s", typed.strip()):
+        raise InputError(
+            "Put spaces between numbers, and write decimals with a point, such as 30.5 55; got "
+            f"{typed.strip()!r}."
+        )
     try:
         x_mm, y_mm, *force = map(float, re.split(r"[\s,]+", typed.strip()))
         (force_n,) = force or (math.nan,)
@@ -277,6 +270,29 @@ def _contact(typed: str) -> _Contact:
     if force_n <= 0:
         raise InputError(f"A force has to be above 0 N, got {force_n:g}.")
     return _Contact(x_mm / 1e3, y_mm / 1e3, force_n)
+
+
+def registration_lacks(places: Sequence[tuple[float, float]]) -> str:
+    """Why the touches at `places` [m] do not say how images map to places; "" if they do."""
+    found = "every fifth one is used to find how images map to places"
+    if (count := len(places)) < MIN_TOUCHES:
+        return (
+            f"only {counted(count, 'touch', 'touches')} so far. At least {MIN_TOUCHES} are "
+            f"needed, since {found}."
+        )
+    points = np.array(places[::5])
+    if (count := len(np.unique(points, axis=0))) < 3:
+        return (
+            f"touches 1, 6, 11, ... are at {counted(count, 'place')}, and 3 are needed, since "
+            f"{found}. Touch more places, or repeat them less often."
+        )
+    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if sizes[1] < 1e-6 * sizes[0]:
+        return (
+            f"touches 1, 6, 11, ... are on one line, which fits a mirrored image as well, and "
+            f"{found}. Touch other places."
+        )
+    return ""
 
 
 def suite_path(recording: Path) -> Path:

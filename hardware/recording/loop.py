@@ -235,18 +235,20 @@ def _note(recorder: Recorder, say: Callable[[str], None], sentence: str) -> None
 def _returned(board: Board, over: Callable[[], bool], tell: Callable[[str], None]) -> bool:
     """Open and start the board again; True if that succeeded before all was `over`.
 
-    `tell` gets a sentence where it is there again, and something else is wrong with it.
+    `tell` gets a sentence where it is there again, and something else is wrong with it. Once may
+    be before the system has given us the right to use it.
     """
-    told = ""
+    before = told = ""
     while not over():
         board.close()
         try:
             board.open()
             board.start()
         except BoardError as error:
-            if str(error) != told and not isinstance(error, BoardLostError):
-                told = str(error)
+            if str(error) == before != told and not isinstance(error, BoardLostError):
+                told = before
                 tell(told)
+            before = str(error)
             time.sleep(RETRY_S)
         else:
             return True

@@ -66,7 +66,9 @@ def refused(port: str, error: OSError) -> BoardError:
     if error.errno in (errno.EAGAIN, errno.EBUSY):
         return _taken(port)
     reason = os.strerror(error.errno) if error.errno else str(error)
-    return BoardError(f"The serial port {port} cannot be opened ({reason}): {existing()}.")
+    gone = os.name != "posix" and port not in ports()  # elsewhere `check` has seen that
+    kind = BoardLostError if gone else BoardError
+    return kind(f"The serial port {port} cannot be opened ({reason}): {existing()}.")
 
 
 def _taken(port: str) -> BoardError:

@@ -256,11 +256,12 @@ class SerialBoard(Board):
 
     def _diagnosis(self) -> str | None:
         heard = bytes(self._unread)
-        if self.health.damaged >= _DAMAGED and self.protocol.recognises(heard):
+        whole, damaged = self.health.frames, self.health.damaged
+        if not whole and damaged >= _DAMAGED and self.protocol.recognises(heard):
             return (
                 f"Frames of board {self.protocol.name!r} come from {self.port}, and all are "
                 "damaged: its firmware makes another checksum, or sends another number of values "
-                "than it says (docs/boards.md)."
+                "than it says (docs/boards.md names the format)."
             )
         return diagnose(heard, self.protocol, self.port, self._listen)
 

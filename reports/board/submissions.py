@@ -6,7 +6,7 @@ import re
 import shlex
 import shutil
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import h5py
 import numpy as np
@@ -112,9 +112,9 @@ def _without_folder(command: str) -> str:
     words = []
     for word in shlex.split(command):
         option, equals, value = word.rpartition("=")  # --out=RUN
-        # The address of a cluster is no path; its name would be lost with what stands before it.
-        path = "/" in value and "://" not in value
-        words.append(option + equals + (Path(value).name if path else value))
+        # Neither the address of a cluster nor parameters, which are JSON, are paths.
+        path = re.search(r"[/\\]", value) and not re.search(r"://|^[{\[]", value)
+        words.append(option + equals + (PureWindowsPath(value).name if path else value))
     return shlex.join(words)
 
 

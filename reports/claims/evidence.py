@@ -49,14 +49,14 @@ class Measured:
         return text + crime if self.row["inverse_crime"] else text
 
     @property
-    def machine(self) -> str:
-        """The processor that times were taken on, and whether other cells shared it."""
-        shared = ", which other cells shared" if self.row.get("timed") == SHARED else ""
-        return f"{self.row['machine'] or self.run.manifest['machine']['cpu']}{shared}"
+    def machine(self) -> str | None:
+        """The processor that times were taken on."""
+        machine: str | None = self.row["machine"] or self.run.manifest["machine"]["cpu"]
+        return machine
 
 
 def same_machine(*every: Measured) -> str:
-    """The processor that the times of all were taken on.
+    """The processor that the times of all were taken on, and whether other cells shared it.
 
     Raises:
         NotMeasuredError: they are of several, whose times do not compare.
@@ -66,7 +66,8 @@ def same_machine(*every: Measured) -> str:
         raise NotMeasuredError(
             f"Times of {first} and of {others[0]} do not compare: run both on one machine."
         )
-    return first
+    shared = any(measured.row.get("timed") == SHARED for measured in every)
+    return f"{first}{', which other cells shared' if shared else ''}"
 
 
 class Evidence:

@@ -17,6 +17,7 @@ _CHOSEN_BY = {
     "record": "tuned before",
     "tuning": "tuned here",
     "default": "default",
+    "few presses": "default",
     "none": "nothing to tune",
 }
 
@@ -47,8 +48,12 @@ def sentence(choice: Choice) -> str:
         *_best(choice),
         f"every method tried runs without a GPU (times are of one core of {choice.processor})",
     ]
-    if names := [row.method for row in choice.tried if row.chosen_by == "default"]:
-        parts.append(f"too little time was left to tune {_code(names)}, compared as they come")
+    for chosen_by, why in (
+        ("default", "too little time was left to tune"),
+        ("few presses", "too few presses are there to tune"),
+    ):
+        if names := [row.method for row in choice.tried if row.chosen_by == chosen_by]:
+            parts.append(f"{why} {_code(names)}, compared as they come")
     if choice.not_tried:
         parts.append(f"{choice.time_limit_s:g} s left no time to try {_code(choice.not_tried)}")
     return printable("; ".join(parts) + ".")

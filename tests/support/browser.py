@@ -15,7 +15,7 @@ def browser() -> Iterator[Any]:
     names = ("chromium", "google-chrome", "chromium-browser")
     chromium = next((found for name in names if (found := shutil.which(name))), None)
     if chromium is None:
-        pytest.skip("needs Chromium: install the program `chromium`")
+        pytest.skip("needs Chromium or Chrome: install the program `chromium`")
     with playwright.sync_playwright() as started:
         browser = started.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         yield browser

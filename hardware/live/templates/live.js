@@ -143,7 +143,7 @@ function showRecording(recording) {
   else {
     const { file, frames, touches, enough, suite } = recording;
     let said = `${running ? "Recording to" : "Recorded"} ${file}: ${frames} frames, ${touches} of ${enough} touches.`;
-    if (!running && touches >= enough && suite) said += ` Score methods on them: eitbench run ${suite}`;
+    if (!running && suite) said += ` Score methods on them: eitbench run ${suite}`;
     set(words, said);
   }
 }

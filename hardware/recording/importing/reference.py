@@ -120,7 +120,11 @@ def _of_recording(path: Path, sensor: Sensor, choice: Choice) -> Array:
             f"{sensor.name!r}."
         )
     values = content.values[untouched]
-    return np.abs(values) if choice.part == "magnitude" else values
+    if choice.part == "magnitude" or sensor.pattern.magnitudes:
+        return np.abs(values)
+    if content.sensor.pattern.magnitudes:
+        raise InputError(f"--reference {path}: it holds magnitudes, and the frames have signs.")
+    return values
 
 
 def _are_rows(array: Array, count: int) -> bool:

@@ -208,7 +208,7 @@ def write_mat(content: Content, path: Path) -> None:
     if content.values.nbytes >= _LONGEST_MAT:
         raise InputError(
             f"{path} cannot hold {content.values.nbytes / 1e9:.1f} GB of frames: files of MATLAB "
-            "are for less than 2. Export it as .csv, or read the recording itself, which is HDF5."
+            "hold less than 2 GB. Export it as .csv, or read the recording itself, which is HDF5."
         )
     path.touch(exist_ok=False)
     scipy.io.savemat(str(path), arrays, appendmat=False, do_compression=True, oned_as="column")

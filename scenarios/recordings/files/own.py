@@ -203,12 +203,16 @@ def has_own_references(content: Content) -> NDArray[np.bool_]:
 
 
 def untouched_rows(content: Content) -> NDArray[np.int64]:
-    """Rows of the frames that show the untouched sensor, those of single touches among them."""
-    own = content.labels[has_own_references(content)].drop_duplicates(["first", "last"])
+    """Rows of the frames that show the untouched sensor, in the order of time, each once.
+
+    Those of single touches where no others are marked.
+    """
+    if len(content.reference):
+        return np.unique(content.reference)
+    own = content.labels[has_own_references(content)]
     spans = zip(own["reference_first"], own["reference_last"], strict=True)
-    return np.concatenate(
-        [content.reference, *(np.arange(first, last + 1) for first, last in spans)]
-    )
+    rows = [np.arange(first, last + 1) for first, last in spans]
+    return np.unique(np.concatenate([content.reference, *rows]))
 
 
 def _read(path: Path, folder: Path, sensor: Sensor) -> RecordedFrames:

@@ -1,7 +1,7 @@
 """Trials within a limit, with a clock of our own; and a whole choice for a tiny sensor."""
 
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,7 +21,7 @@ from eitbench.benchmark.run.runner import RunInterruptedError, start_run
 from eitbench.benchmark.tuning import selection
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
-from eitbench.scenarios.errors import DataUnavailableError, EitbenchError, InputError
+from eitbench.scenarios.errors import EitbenchError, InputError
 
 TINY = """
 name = "tiny"
@@ -201,12 +201,9 @@ def test_parameters_on_record_come_first_then_trials_then_defaults(
     assert chosen() == ({"weight": 0.1}, "tuning")
     monkeypatch.setattr(measure, "tune", lambda *_, **__: iter([]))
     assert chosen() == ({}, "none")
-
-    def nothing_to_tune_on(*_: object, **__: object) -> NoReturn:
-        raise DataUnavailableError("too few presses")
-
-    monkeypatch.setattr(measure, "tune", nothing_to_tune_on)
-    assert chosen() == ({}, "default")
+    with monkeypatch.context() as patch:
+        patch.setattr(measure, "choose_by_chance", lambda data: True)
+        assert chosen() == ({}, "few presses")
     recorded = Selection({"weight": 0.7}, -4.0, (scored,), budget, "trials")
     monkeypatch.setattr(selection, "user_selections", lambda: tmp_path)
     selection.record(scenario, {"noser": recorded}, tmp_path)

@@ -4,14 +4,17 @@ import multiprocessing.util
 import os
 import socket
 import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 import eitbench
+from eitbench.benchmark.workers import confinement
 from eitbench.benchmark.workers.audit_hook import code_folder
 from eitbench.benchmark.workers.confinement import (
     Confinement,
@@ -193,3 +196,21 @@ def test_an_installed_package_gives_away_no_folder_beside_it(
     monkeypatch.setattr(eitbench, "__path__", [str(tmp_path / "libs" / "eitbench")])
     assert tmp_path / "libs" / "eitbench" in _needed()
     assert not {tmp_path, tmp_path / "libs"} & {*_needed()}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="AppArmor is of Linux: run there")
+@pytest.mark.parametrize(("user", "setting"), [(1000, "1"), (1000, "0"), (0, "1")])
+def test_namespaces_that_apparmor_keeps_from_users_are_told(
+    user: int, setting: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To leave the old ones succeeds there, and what comes next does not."""
+    (tmp_path / "restricted").write_text(f"{setting}\n")
+    monkeypatch.setattr(confinement, "_APPARMOR", tmp_path / "restricted")
+    monkeypatch.setattr(confinement, "landlock_abi", lambda: 99)
+    monkeypatch.setattr(os, "geteuid", lambda: user)
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=0))
+    if user and setting == "1":
+        with pytest.raises(InputError, match="AppArmor forbids here: run `sudo sysctl -w kernel"):
+            check_isolation()
+    else:
+        check_isolation()

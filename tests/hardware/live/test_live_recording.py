@@ -4,12 +4,14 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
 from tests.support.waiting import wait_for
 
+from eitbench.hardware.live import session
+from eitbench.hardware.live.imaging import REFERENCE_FRAMES
 from eitbench.hardware.live.viewer import LiveImage
 from eitbench.hardware.recording.guided import StepDurations
 from eitbench.hardware.recording.recorder import Recorder, RecorderError
@@ -100,6 +102,30 @@ def test_a_reference_that_is_taken_while_recording_is_marked_in_the_file(running
     assert not check(Path(running.recording["file"]))[0]
 
 
+@pytest.mark.parametrize("better", [False, True])
+def test_a_refused_reference_is_marked_if_no_other_is(
+    better: bool, running: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a reversed sign, say, it shows no touch; beside a better one it would spoil it."""
+
+    def refuse(*_: object) -> NoReturn:
+        raise InputError("All signs are reversed.")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(session, "reference_of", refuse)
+        running.session.start_recording()
+        wait_for(lambda: running.session.state()["sentence"])
+        first = running.recording["frames"]
+    assert first >= REFERENCE_FRAMES
+    if better:
+        before = running.session.imaging.reference
+        running.session.take_reference()
+        wait_for(lambda: running.session.imaging.reference is not before)
+    content = running.recorded()
+    assert len(content.reference) == REFERENCE_FRAMES
+    assert (content.reference.min() >= first - 1) == better
+
+
 def test_no_reference_is_taken_from_a_touch(running: Any) -> None:
     running.session.start_recording()
     wait_for(lambda: running.session._reference_frames is None)
@@ -154,7 +180,8 @@ def test_touched_places_become_labels_and_the_recording_a_suite(
         assert last - first >= 5
         shown = np.linalg.norm(content.values[first : last + 1] - untouched, axis=1)
         assert (shown > 5 * noise).all()
-    suite = load_suite(Path(running.recording["suite"]))
+    assert running.recording["suite"] == ""  # two touches do not say how images map to places
+    suite = load_suite(Path(running.recording["file"]).with_suffix(".toml"))
     (own, _) = suite.scenarios
     assert isinstance(own, RecordedScenario)
     assert own.recorded_set.truth == "position"

@@ -131,7 +131,7 @@ def test_frames_that_no_matlab_file_holds_are_told_before(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(csv_mat, "_LONGEST_MAT", read_file(recorded)[0].values.nbytes)
-    with pytest.raises(InputError, match=r"GB of frames: files of MATLAB are for less than 2"):
+    with pytest.raises(InputError, match=r"GB of frames: files of MATLAB hold less than 2 GB"):
         export_recording(recorded, tmp_path / "a.mat")
     assert not (tmp_path / "a.mat").exists()
 

@@ -21,6 +21,7 @@ from eitbench.hardware.recording.guided import (
     SUITE_METHODS,
     GuidedSession,
     StepDurations,
+    registration_lacks,
     suite_path,
     write_suite,
 )
@@ -262,11 +263,28 @@ def test_a_guided_session_ends_in_a_set(tmp_path: Path, board: Make) -> None:
 
 
 def test_touches_of_one_place_do_not_say_how_images_map(tmp_path: Path, board: Make) -> None:
-    answers = ["", "11", "", "30 30", *[""] * 22, ""]
-    touches, _, said = guided(tmp_path / "a.h5", board, answers)
+    answers = ["", "1", ""]
+    for newtons in range(1, 12):  # harder and harder
+        answers += [f"30 30 {newtons}", "", ""]
+    touches, _, said = guided(tmp_path / "a.h5", board, [*answers, ""])
     assert touches == 11
-    assert said[-1].startswith("No suite is written. Every fifth touch is used to find")
-    assert "touches 1, 6, 11, ... are at 1 place: 3 places are needed" in said[-1]
+    assert said[-1].startswith("No suite is written: touches 1, 6, 11, ... are at 1 place")
+    assert "touches 1, 6, 11, ... are at 1 place, and 3 are needed" in said[-1]
+
+
+@pytest.mark.parametrize(
+    ("places", "says"),
+    [
+        ([(0.01 * k, 0.02) for k in range(11)], "are on one line"),
+        ([(0.01, 0.02)] * 10 + [(0.05, 0.06)], "are at 2 places"),
+        ([(0.01 * k, 1e-3 * k**2) for k in range(10)], "only 10 touches so far"),
+        ([(0.01 * k, 1e-3 * k**2) for k in range(11)], ""),
+    ],
+)
+def test_what_the_places_of_touches_lack(places: list[tuple[float, float]], says: str) -> None:
+    lacks = registration_lacks(places)
+    assert says in lacks
+    assert bool(lacks) == bool(says)
 
 
 def test_a_suite_of_a_recording_of_any_name_is_read(tmp_path: Path) -> None:
@@ -345,6 +363,7 @@ def test_typing_errors_are_asked_again(tmp_path: Path, board: Make) -> None:
         "30 20; 30 20 nan 1",
         "30,5 55",
         "30 55,5",
+        "30, 55,5",
         "; ".join(["30 20"] * 11),
         "30 20 -2",
         "500 20",
@@ -374,8 +393,11 @@ def test_typing_errors_are_asked_again(tmp_path: Path, board: Make) -> None:
     )
     assert said[6:-2] == [
         *(f"{wrong} {typed!r}." for typed in ("30", "30 x", "1e999 3", "30 20 nan 1")),
-        "Write decimals with a point, such as 30.5 55; got '30,5 55'.",
-        "Write decimals with a point, such as 30.5 55; got '30 55,5'.",
+        *(
+            "Put spaces between numbers, and write decimals with a point, such as 30.5 55; got "
+            f"{typed!r}."
+            for typed in ("30,5 55", "30 55,5", "30, 55,5")
+        ),
         "A touch has at most 10 places.",
         "A force has to be above 0 N, got -2.",
         "(500, 20) mm is outside the sensor, which reaches from (0, 0) to (100, 100) mm.",

@@ -236,6 +236,23 @@ def test_frames_that_are_all_damaged_are_told(
 
 
 @pytest.mark.usefixtures("impatient")
+def test_frames_that_are_damaged_for_a_while_end_nothing(
+    serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = serve("teensy", 100.0)
+    encode = server._device.encode
+    with on("teensy", server.port) as board:
+        start_and_read(board)
+        with monkeypatch.context() as patch:
+            patch.setattr(server._device, "encode", lambda *frame: encode(*frame)[:-1] + b"?")
+            end = time.monotonic() + DEADLINE_S
+            while board.health.damaged < 200:  # four times the patience
+                assert time.monotonic() < end
+                board.frames(0.1)
+        assert until(board, 1)
+
+
+@pytest.mark.usefixtures("impatient")
 def test_lines_that_are_short_and_rare_are_told(
     serve: Serve, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -115,6 +115,7 @@ def test_a_submission_names_no_folder_of_its_author(run: Path, tmp_path: Path) -
         plugin = content["plan"]["plugins"][0]["path"]
         content["command_line"] = (
             f"eitbench run ../client/mine.toml --plugin {plugin} --out={typed} --scheduler tcp://a:1"
+            """ --cache 'C:\\Users\\me\\cache' --parameters '{"noser": {"of": "a/b"}}'"""
         )
     out = tmp_path / "out"
     write_submission(typed, out)
@@ -122,6 +123,7 @@ def test_a_submission_names_no_folder_of_its_author(run: Path, tmp_path: Path) -
     assert content["plan"]["plugins"][0]["path"] == "gentle.py"
     assert content["command_line"] == (
         "eitbench run mine.toml --plugin gentle.py --out=run --scheduler tcp://a:1"
+        """ --cache cache --parameters '{"noser": {"of": "a/b"}}'"""
     )
     for path in out.rglob("*.json"):
         assert str(run.parent) not in path.read_text()

@@ -284,9 +284,9 @@ def test_the_rate_of_schemes_without_true_images(
 def test_times_that_were_taken_beside_other_cells_say_so(
     add: Callable[..., None], build: Any
 ) -> None:
-    for name in ("dnn", "phydnn"):
+    for name, timed in (("dnn", "shared"), ("phydnn", "pinned")):
         add(name, 0.02)
-        build.methods[-1]["timed"] = "shared"
+        build.methods[-1]["timed"] = timed
     found = findings(build.write())["frame-rate"]
     assert found.conditions == "one thread of A processor, which other cells shared"
 
