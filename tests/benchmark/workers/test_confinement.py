@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import eitbench
-from eitbench.benchmark.workers import confinement
+from eitbench.benchmark.workers import confinement as confining
 from eitbench.benchmark.workers.audit_hook import code_folder
 from eitbench.benchmark.workers.confinement import (
     Confinement,
@@ -205,8 +205,8 @@ def test_namespaces_that_apparmor_keeps_from_users_are_told(
 ) -> None:
     """To leave the old ones succeeds there, and what comes next does not."""
     (tmp_path / "restricted").write_text(f"{setting}\n")
-    monkeypatch.setattr(confinement, "_APPARMOR", tmp_path / "restricted")
-    monkeypatch.setattr(confinement, "landlock_abi", lambda: 99)
+    monkeypatch.setattr(confining, "_APPARMOR", tmp_path / "restricted")
+    monkeypatch.setattr(confining, "landlock_abi", lambda: 99)
     monkeypatch.setattr(os, "geteuid", lambda: user)
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=0))
     if user and setting == "1":
