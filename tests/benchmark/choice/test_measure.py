@@ -152,7 +152,7 @@ def test_what_was_measured_before_an_interruption_is_decided_on(
     def stopped(_: Any, method: str, *__: Any) -> Any:
         if method == "noser":
             raise KeyboardInterrupt
-        return None, "defaults"
+        return {}, "default"
 
     with monkeypatch.context() as patch:
         patch.setattr(measure, "parameters_of", stopped)
