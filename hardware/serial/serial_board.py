@@ -31,13 +31,16 @@ _ANSWER_S = 1.0  # a board answers a command within this time
 _WRITE_S = 1.0  # a board takes a command within this time
 
 
-try:
-    import termios
-except ImportError:  # Windows
-    _GONE: tuple[type[Exception], ...] = (OSError,)
-else:
-    # Of a port that goes while it is set up; pyserial's own errors are OSErrors.
-    _GONE = (OSError, termios.error)
+def _errors() -> tuple[type[Exception], ...]:
+    try:
+        import termios
+    except ImportError:  # Windows
+        return (OSError,)
+    return OSError, termios.error
+
+
+_GONE = _errors()
+"""Of a port that goes while it is set up; pyserial's own errors are OSErrors."""
 
 
 def _is_pseudo_terminal(port: str) -> bool:
