@@ -155,7 +155,7 @@ def test_a_file_may_hold_methods_and_operators(monkeypatch: pytest.MonkeyPatch) 
     found = {report.name: report.kind for report in checks.check_target(str(file))}
     assert found.pop("toy-method") == "method"
     assert set(found.values()) == {"operator"}
-    assert len(found) == 6
+    assert len(found) == file.read_text().count("@register_operator(")
 
 
 def test_an_unknown_name_suggests_the_nearest() -> None:
