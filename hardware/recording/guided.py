@@ -73,10 +73,6 @@ class GuidedSession:
     Args:
         ask: shows a question and returns what was typed, "" for a mere Enter.
         say: shows a sentence.
-
-    Attributes:
-        touches: touches so far that are labelled.
-        lacks: why methods cannot be scored on them yet, as a sentence; "" if they can be.
     """
 
     def __init__(
@@ -90,8 +86,7 @@ class GuidedSession:
         self._board, self._recorder = board, recorder
         self._ask, self._say = ask, say
         self._timing = timing or StepDurations()
-        self.touches = 0
-        self._places = list[tuple[float, float]]()  # of all touches
+        self._places = list[tuple[float, float]]()  # [m], of the first contact of each touch
         self._status: Status | None = None
         self._stop = Event()
         self._failure: Exception | None = None
@@ -143,8 +138,13 @@ class GuidedSession:
             self._say(self.lacks)
 
     @property
+    def touches(self) -> int:
+        """Number of touches so far that are labelled."""
+        return len(self._places)
+
+    @property
     def lacks(self) -> str:
-        """See the class."""
+        """Why methods cannot be scored on them yet, as a sentence; "" if they can be."""
         lacks = registration_lacks(self._places)
         return f"No suite is written: {lacks} Record again." if lacks else ""
 
@@ -192,7 +192,6 @@ class GuidedSession:
                 reference_first=before,
                 reference_last=until,
             )
-        self.touches += 1
         self._places.append((contacts[0].x_m, contacts[0].y_m))
         if self._board.can_be_pressed:
             self._board.release()

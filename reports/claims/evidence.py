@@ -153,24 +153,8 @@ class Evidence:
         second: str,
         names: Sequence[str],
         scenario: str = SCENARIO,
-    ) -> tuple[Measured, NDArray[np.float64]]:
-        """Figures `names` (k) of `first` minus those of `second`, per sample: (n, k).
-
-        Raises:
-            NotMeasuredError, InputError: as `both`.
-        """
-        measured, (one, other) = self.both(kind, first, second, names, scenario)
-        return measured, one - other
-
-    def both(
-        self,
-        kind: RunKind,
-        first: str,
-        second: str,
-        names: Sequence[str],
-        scenario: str = SCENARIO,
-    ) -> tuple[Measured, NDArray[np.float64]]:
-        """Figures `names` (k) of both on the same frames, and what there is of `first`: (2, n, k).
+    ) -> tuple[Measured, NDArray[np.float64], NDArray[np.float64]]:
+        """What there is of `first`, and figures `names` (n, k) of both on the same n frames.
 
         Raises:
             NotMeasuredError: one of them was not measured, or not on the same frames.
@@ -188,5 +172,8 @@ class Evidence:
         both = known[0].merge(known[1], on=keys, suffixes=("", "_other"))
         if not len(one.samples) == len(other.samples) == len(both):
             raise NotMeasuredError(f"{first!r} and {second!r} were not run on the same frames.")
-        figures = [both[[f"{name}{side}" for name in names]] for side in ("", "_other")]
-        return one, np.stack(figures)
+        first_figures, others = (
+            both[[f"{name}{side}" for name in names]].to_numpy(np.float64)
+            for side in ("", "_other")
+        )
+        return one, first_figures, others

@@ -182,7 +182,8 @@ def operator_row(name: str, evidence: Evidence) -> Judgement:
 
 def operator_order(evidence: Evidence) -> Judgement:
     """Test if the surrogate's error is below the Jacobian's, sample by sample."""
-    measured, differences = evidence.paired(OPERATOR_RUNS, "surrogate", "jacobian", ["mse"])
+    measured, learned, linear = evidence.paired(OPERATOR_RUNS, "surrogate", "jacobian", ["mse"])
+    differences = learned - linear
     (interval,) = _intervals(differences, measured.samples["cluster"])
     figure = _tested(ERROR_FIGURE, interval, better("min"), len(differences))
     return _judged([figure], "The errors are compared on the same samples.", measured)
@@ -190,8 +191,8 @@ def operator_order(evidence: Evidence) -> Judgement:
 
 def operator_ratio(evidence: Evidence) -> Judgement:
     """Test the ratio of the errors of the Jacobian and the surrogate, on either side."""
-    surrogate, both = evidence.both(OPERATOR_RUNS, "surrogate", "jacobian", ["mse"])
-    errors = both[::-1, :, 0].T
+    surrogate, learned, linear = evidence.paired(OPERATOR_RUNS, "surrogate", "jacobian", ["mse"])
+    errors = np.hstack([linear, learned])
     (ratio,) = _intervals(errors, surrogate.samples["cluster"], _ratios)
     met = around(RATIO, **RATIO_TOLERANCE)
     figure = _tested(RATIO_FIGURE, ratio, met, len(errors))
@@ -256,7 +257,8 @@ def better_than(
     every: list[Measured] = []
     for scenario in scenarios:
         for first, second in pairs:
-            measured, differences = evidence.paired(METHOD_RUNS, first, second, metrics, scenario)
+            measured, one, other = evidence.paired(METHOD_RUNS, first, second, metrics, scenario)
+            differences = one - other
             pair = f"{LABELS[first]} minus {LABELS[second]}"
             if len(scenarios) > 1:
                 pair += f" on {scenario}"
@@ -307,8 +309,8 @@ def every_case(evidence: Evidence) -> Judgement:
     ahead: list[NDArray[np.bool_]] = []
     signs = [1 if best_of(name) == "max" else -1 for name in IMAGE_METRICS]
     for other in ("noser", "tv", "dnn"):
-        measured, differences = evidence.paired(METHOD_RUNS, "phydnn", other, IMAGE_METRICS)
-        ahead.append(np.all(np.array(signs) * differences > 0, axis=1))
+        measured, ours, theirs = evidence.paired(METHOD_RUNS, "phydnn", other, IMAGE_METRICS)
+        ahead.append(np.all(np.array(signs) * (ours - theirs) > 0, axis=1))
     n, count = len(ahead[0]), int(np.all(ahead, axis=0).sum())
     ends = binomtest(count, n).proportion_ci(LEVEL, method="wilson")
     interval = Interval(count / n, float(ends.low), float(ends.high))
@@ -348,7 +350,8 @@ def _median_differences(
     """
     tested, every, conditions = [], [], []
     for scenario, figure in figures.items():
-        measured, differences = evidence.paired(METHOD_RUNS, "phydnn", "dnn", [metric], scenario)
+        measured, one, other = evidence.paired(METHOD_RUNS, "phydnn", "dnn", [metric], scenario)
+        differences = one - other
         known = ~np.isnan(differences[:, 0])
         if not known.any():
             raise NotMeasuredError(f"{measured.run.path} holds no sample with a {metric!r}.")

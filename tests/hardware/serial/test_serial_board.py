@@ -221,17 +221,21 @@ def test_a_board_that_missed_its_start_is_told_again(
 
 
 @pytest.mark.usefixtures("impatient")
-def test_frames_that_are_all_damaged_are_told(
-    serve: Serve, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("sent", "says"),
+    [
+        # A new firmware may have another checksum.
+        (lambda frame: frame[:-1] + b"?", "all are damaged: its firmware makes another checksum"),
+        (lambda frame: b"alive\n", "sends text that no known board sends, such as 'alive'"),
+    ],
+)
+def test_bytes_that_never_make_a_frame_are_told(
+    sent: Callable[[bytes], bytes], says: str, serve: Serve, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As those of a new firmware whose checksum is another one."""
     server = serve("teensy", 100.0)
     encode = server._device.encode
-    monkeypatch.setattr(server._device, "encode", lambda *frame: encode(*frame)[:-1] + b"?")
-    with (
-        on("teensy", server.port) as board,
-        pytest.raises(BoardError, match="all are damaged: its firmware makes another checksum"),
-    ):
+    monkeypatch.setattr(server._device, "encode", lambda *frame: sent(encode(*frame)))
+    with on("teensy", server.port) as board, pytest.raises(BoardError, match=says):
         start_and_read(board)
 
 
@@ -250,19 +254,6 @@ def test_frames_that_are_damaged_for_a_while_end_nothing(
                 assert time.monotonic() < end
                 board.frames(0.1)
         assert until(board, 1)
-
-
-@pytest.mark.usefixtures("impatient")
-def test_lines_that_are_short_and_rare_are_told(
-    serve: Serve, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    server = serve("teensy", 40.0)
-    monkeypatch.setattr(server._device, "encode", lambda *frame: b"alive\n")
-    with (
-        on("teensy", server.port) as board,
-        pytest.raises(BoardError, match="sends text that no known board sends, such as 'alive'"),
-    ):
-        start_and_read(board)
 
 
 def test_a_command_that_is_refused_is_named(serve: Serve) -> None:
