@@ -4,6 +4,7 @@ import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -123,7 +124,10 @@ class Problem:
 
     @reference.setter
     def reference(self, frame: ArrayLike) -> None:
-        latest = self._frames(self._nominal, np.asarray(frame)[None])[0]
+        try:
+            latest = self._frames(self._nominal, np.asarray(frame)[None])[0]
+        except InputError as error:
+            raise InputError(f"The reference frame cannot be used. {error}") from error
         if np.array_equal(latest, self._latest):
             return  # as after most frames: what follows from it still holds
         self._latest = latest.copy()  # the caller may fill its array with the next
@@ -261,14 +265,14 @@ class Problem:
             measured to nominal differences; the first is the identity.
         """
         unchanged = np.eye(references.shape[1], dtype=np.float32)
-        numbers, matrices = {unchanged.tobytes(): 0}, [unchanged]
+        numbers, matrices = {sha256(unchanged.tobytes()).digest(): 0}, [unchanged]
         which = np.zeros(len(references), dtype=np.int64)
         for rows in same_reference(references):
             estimate = self._estimate(references[rows.start], gain_power)
             if estimate is None:
                 continue
             matrix = estimate.astype(np.float32)
-            which[rows] = numbers.setdefault(matrix.tobytes(), len(matrices))
+            which[rows] = numbers.setdefault(sha256(matrix.tobytes()).digest(), len(matrices))
             if len(numbers) > len(matrices):  # units with the same dead electrode share theirs
                 matrices.append(matrix)
         return which, np.array(matrices)

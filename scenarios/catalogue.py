@@ -1,7 +1,8 @@
 """Sensors by name: the default one, those of the recorded sets, and those of files."""
 
+from contextlib import suppress
 from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 from eitbench.scenarios.errors import unknown_name
@@ -34,10 +35,8 @@ def sensor(name: str, *, offset: int | None = None) -> Sensor:
             something wrong, or an impossible offset.
         DataUnavailableError, DataCorruptError: no such recording, or one that cannot be read.
     """
-    if is_recording(name):
-        nominal = recorded_sensor(Path(name))
-    elif is_file(name):
-        nominal = read_sensor(Path(name))
+    if is_file(name):
+        nominal = _of_file(Path(name))
     elif name in sensors():
         nominal = _built(name)
     elif name in RECORDED_SETS:
@@ -48,6 +47,20 @@ def sensor(name: str, *, offset: int | None = None) -> Sensor:
         return nominal
     pattern = offset_pattern(nominal.n_electrodes, offset)
     return replace(nominal, pattern=replace(pattern, magnitudes=nominal.pattern.magnitudes))
+
+
+def _of_file(path: Path) -> Sensor:
+    with suppress(OSError):
+        known = path.resolve(strict=True)
+        stat = known.stat()
+        return _read(known, stat.st_mtime_ns, stat.st_size)
+    return _read.__wrapped__(path, 0, 0)  # says what is wrong with it
+
+
+@lru_cache(maxsize=32)  # every sample that is simulated asks for its sensor
+def _read(path: Path, changed_ns: int, size: int) -> Sensor:
+    """The sensor of a file, read again when the file has changed."""
+    return recorded_sensor(path) if is_recording(path.name) else read_sensor(path)
 
 
 @cache

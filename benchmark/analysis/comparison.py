@@ -238,7 +238,7 @@ def compare(
             if timed is not None and _was_busy(timed, fastest):
                 slower = timed.solve_ms / fastest[timed.machine]
                 busy.setdefault(of.path, []).append(slower)
-        for spec in [METRICS[name] for name in margins] or _ranking(cells):
+        for spec in [METRICS[name] for name in margins] or _ranking(cells[0]):
             figures = [figure_of(cell, spec) for cell in cells]
             if np.isfinite(figures).all():
                 change = _change(cells, figures, spec, margins.get(spec.name, 0.0))
@@ -315,11 +315,10 @@ def _common(*cells: pd.DataFrame) -> list[pd.DataFrame]:
     return [both.merge(cell) for cell in known]
 
 
-def _ranking(cells: Sequence[pd.DataFrame]) -> list[MetricSpec]:
-    """Return the metric that ranks these cells; none where it is not known."""
+def _ranking(cell: pd.DataFrame) -> list[MetricSpec]:
+    """Return the metric that ranks a cell; none where it is not known."""
     specs = (METRICS[name] for name in METHOD_RUNS.ranked_by)
-    known = (s for s in specs if all(np.isfinite(figure_of(cell, s)) for cell in cells))
-    return list(islice(known, 1))
+    return list(islice((s for s in specs if np.isfinite(figure_of(cell, s))), 1))
 
 
 def _change(

@@ -66,7 +66,9 @@ class Pair:
         difference, low, high: first minus second, with its 95 % interval.
         p: of no difference, adjusted for all pairs of its family, see `adjusted`; of medians by the
             signed ranks of paired differences.
-        effect: the difference over the standard deviation of that of one cluster, Cohen's d.
+        effect: the difference over the standard deviation of that of one cluster: Cohen's d of
+            means; of medians, and of means over unequal clusters, by the bootstrap's error, which
+            is an estimate of it.
         wins: share of the samples on which the first is better, equals counting half; None where
             single samples have no such figure.
     """
@@ -300,8 +302,8 @@ def adjusted(p: ArrayLike, rivals: ArrayLike) -> Array:
     """P-values (k,) of pairs of methods, each adjusted for all pairs of its scenario (Bonferroni).
 
     The family of a pair is all pairs of the methods of its scenario: those that the suite lists, or
-    that one run of either method holds, if these are more. So p does not depend on the other runs
-    that are shown, on repeats, or on how a comparison is split into runs.
+    that one run of either method holds, if these are more. So p does not depend on runs of other
+    methods that are shown, or on how a comparison is split into runs.
 
     Args:
         rivals: (k,) number of methods of each pair's scenario.

@@ -204,7 +204,7 @@ def require_quiet(log: Path, ask: Callable[[], object], what: str) -> None:
     """Require that nothing is printed into `log` while it is asked, between lines of others."""
     before = log.stat().st_size
     ask()
-    text = log.read_text(errors="replace")[before:].strip()
+    text = log.read_bytes()[before:].decode(errors="replace").strip()
     require(not text, f"{what} prints: {text[:80]!r}.")
 
 

@@ -93,7 +93,8 @@ class Choice(Declaration):
         best_with_drift: the best after drift, of those within the deadline.
         tried: by the error of the place, the smallest first.
         not_tried: methods that the time limit left no time for.
-        unusable: methods that cannot be used on the sensor, and why.
+        stopped: it was stopped by hand before these.
+        unusable: methods that cannot be used on the sensor, or failed as a whole, and why.
         note: why labelled frames were left out, as a sentence; else "".
         answer: all of this in one sentence.
     """
@@ -111,6 +112,7 @@ class Choice(Declaration):
     best_with_drift: Pick | None
     tried: tuple[Tried, ...] = Field(min_length=1)
     not_tried: tuple[str, ...]
+    stopped: bool = False
     unusable: dict[str, str]
     note: str = ""
     answer: str = ""

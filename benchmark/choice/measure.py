@@ -99,6 +99,7 @@ def choose(
     progress = progress or RunProgress(quiet=True)
     budget = TuningBudget(seconds=TUNING_SHARE * time_limit_s)
     trials: list[MethodTrial] = []
+    stopped: list[str] = []
 
     def attempt(method: str) -> bool:
         try:
@@ -109,7 +110,11 @@ def choose(
         except (RunInterruptedError, KeyboardInterrupt):  # what was measured before is enough
             if not trials:
                 raise
+            stopped.append(method)
             return False
+        except EitbenchError as error:  # the others may do better
+            unusable[method] = str(error)
+            return True
         if run.unfinished:
             return False
         samples, cells = (read_parquet(run.path / name) for name in (SAMPLES, METHOD_RUNS.table))
@@ -119,6 +124,8 @@ def choose(
         return True
 
     not_tried = within_limit(names, lambda: clock() < end, attempt)
+    if not trials and (failed := [why for name, why in unusable.items() if name in names]):
+        raise EitbenchError(f"No method could be measured: {failed[0]}")
     if not trials:
         raise EitbenchError(
             f"No method was finished within {time_limit_s:g} s: give more time with --time-limit."
@@ -132,6 +139,7 @@ def choose(
         sensor_sha256=sensor_hash(deciding.nominal_sensor),
         time_limit_s=time_limit_s,
         not_tried=tuple(not_tried),
+        stopped=bool(stopped),
         unusable=unusable,
         note=note,
     )
@@ -172,9 +180,11 @@ def parameters_of(
     found = [of for *_, of in tune(make_plan(alone, methods=[method]), folder, budget=budget)]
     if not found:
         return {}, "none"
-    if sum(trial.figure is not None for trial in found[0].trials) > 1:
-        return found[0].parameters, "tuning"
-    return {}, "default"
+    (selection,) = found
+    first_alone = [k for k, trial in enumerate(selection.trials) if trial.figure is not None] == [0]
+    if selection.figure is None or (first_alone and selection.ended_by == "seconds"):
+        return {}, "default"
+    return selection.parameters, "tuning"
 
 
 def decide(

@@ -69,7 +69,7 @@ def read_novelty(run: Run, *, with_intervals: bool = True) -> list[Told]:
         with_intervals: False leaves the intervals NaN, which take most of the time.
     """
     scores = [name for name in SCORES if name in run.samples]
-    if run.kind is not METHOD_RUNS or "residual" not in scores:
+    if run.kind is not METHOD_RUNS or not {"residual", FRAME} <= set(scores):
         return []
     suite, found = suite_of(run.manifest), []
     for scenario in suite.scenarios:

@@ -87,7 +87,11 @@ def read_uncertainty(run: Run) -> list[Stated]:
         DataCorruptError: what the run holds of it is damaged.
     """
     names = [name for name in UNCERTAINTY if name in run.samples]
-    if run.kind is not METHOD_RUNS or "uncertainty" not in run.cells or not names:
+    if (
+        run.kind is not METHOD_RUNS
+        or "uncertainty" not in run.cells
+        or "uncertainty_ms" not in names
+    ):
         return []
     cells = run.cells.drop_duplicates(["scenario", "method"]).set_index(["scenario", "method"])
     texts = cells["uncertainty"].to_dict()
@@ -117,8 +121,9 @@ def _ranked(track: list[Stated], tables: Mapping[str, pd.DataFrame]) -> list[Sta
     Only those that have all frames are ranked: others may have had easier ones.
     """
     known = [one for one in track if np.isfinite(_crps(one))]
-    most = max((one.n for one in known), default=0)
-    whole = sorted((one for one in known if one.n == most), key=_crps)
+    frames = {one.method: int(tables[one.method]["crps"].notna().sum()) for one in known}
+    most = max(frames.values(), default=0)
+    whole = sorted((one for one in known if frames[one.method] == most), key=_crps)
     crps = [_crps(one) for one in whole]
     ranked = [
         replace(one, rank=1 + crps.index(_crps(one)), group=group)

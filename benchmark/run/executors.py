@@ -265,6 +265,13 @@ def _run_remote_task(data: CellData, task: RemoteTask) -> RemoteResult:
         )
     # Dask starts its processes as daemons, which Python would not let start others.
     multiprocessing.current_process().daemon = False
+    try:
+        return _run_here(data, task)
+    except OSError as error:  # of its disk: one of the client's says that the scheduler is gone
+        raise EitbenchError(f"A machine of the cluster cannot go on: {error}.") from error
+
+
+def _run_here(data: CellData, task: RemoteTask) -> RemoteResult:
     with tempfile.TemporaryDirectory(prefix="eitbench-") as folder:
         plan, cell = task.plan, task.plan.cell
         store = RunStore.create(Path(folder) / "run", RUN_KINDS[plan.suite.ranks])
@@ -281,8 +288,6 @@ def _run_remote_task(data: CellData, task: RemoteTask) -> RemoteResult:
                 finished = True
             except StoppedError:
                 finished = False
-            except OSError as error:
-                raise EitbenchError(f"A machine of the cluster cannot go on: {error}.") from error
         log = store.log(cell)
         return RemoteResult(store.pack(cell), log.read_bytes() if log.exists() else b"", finished)
 

@@ -5,6 +5,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import joblib
@@ -64,7 +65,7 @@ from eitbench.scenarios.arrays import Array, nearest_pixels
 from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import locate
-from eitbench.scenarios.recordings.fetch import fetch_recording
+from eitbench.scenarios.recordings.fetch import cached_folder, fetch_recording
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario, opened
 from eitbench.scenarios.suites.suite import Suite, has_training
 
@@ -287,6 +288,14 @@ class MethodCellTask(FrameTask):
     def sizes(self) -> Mapping[str, int]:
         """The validation frames that a registration needs, then the test frames."""
         return {split: len(self.data.frames(split)[0]) for split in ("validation", "test")}
+
+    @property
+    def readable(self) -> tuple[Path, ...]:
+        """See `CellTask`; also the recordings that it may learn from, where they lie."""
+        scenarios = (self.data.scenario, self.data.familiar)
+        sets = [of.recorded_set for of in scenarios if isinstance(of, RecordedScenario)]
+        sets += [of.validation for of in sets if of.validation is not None]
+        return (*super().readable, *(of.own or cached_folder(of) for of in sets))
 
     def service(self) -> MethodService:
         """Return the method with its problem."""

@@ -224,6 +224,7 @@ def resume_run(
             | manifests.environment()
         )
         store = RunStore(run, plan.kind)
+        store.write_manifest(manifest)  # before the first row: it may be killed after some
         return _execute(plan, store, manifest, data, where, progress, limit)
 
 

@@ -189,13 +189,17 @@ class _Added(_Part):
     resumed: list[_Resumed] = []
 
 
+class _Cell(_Part):
+    parameters: dict[str, Any] = {}
+
+
 class _Manifest(_Part):
     """Values that results are shown from."""
 
     status: str
     plan: _Plan
     data: dict[_Line, _Data]
-    cells: list[dict[str, Any]]
+    cells: list[_Cell]
     machine: dict[str, _Line | int | float | None]
     versions: dict[str, _Line | None]
     skipped: dict[str, str]

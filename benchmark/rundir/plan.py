@@ -36,7 +36,7 @@ _PARAMETERS = TypeAdapter(dict[str, dict[str, Any]])
 
 
 class _Declared(BaseModel):
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 def plugin_copy(sha256: str) -> str:
@@ -168,7 +168,12 @@ def read_resumable(run: Path) -> tuple[Manifest, Plan]:
     check_own(run, manifest, "start a run of your own")
     plan = plan_of(manifest, run, _Resumable)
     for plugin in plan.plugins:
-        if not plugin.path.is_file() or sha256_of(plugin.path) != plugin.sha256:
+        if not plugin.path.is_file():
+            raise InputError(
+                f"{run} cannot be resumed: the plugin {plugin.path} is not there. Put it back; "
+                f"{run / plugin.kept} is a copy."
+            )
+        if sha256_of(plugin.path) != plugin.sha256:
             raise InputError(
                 f"{run} cannot be resumed: the plugin {plugin.path} has changed. Start a new run."
             )

@@ -9,10 +9,12 @@ Each check returns what is wrong, as a sentence; "" where nothing is.
 from __future__ import annotations
 
 import json
+import re
 from functools import partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from eitbench.benchmark.analysis.recording_notes import notes_of
 from eitbench.benchmark.analysis.rescore import ROUNDING, rescored, stored_text
@@ -25,7 +27,7 @@ from eitbench.benchmark.analysis.standings import standings
 from eitbench.benchmark.findings.uncertainty import stored_curves
 from eitbench.benchmark.metrics.evaluation import fit_calibration, fit_registration
 from eitbench.benchmark.metrics.load import LoadCalibration
-from eitbench.benchmark.metrics.uncertainty import LEVELS, coverages
+from eitbench.benchmark.metrics.uncertainty import LEVELS, UNCERTAINTY, coverages
 from eitbench.benchmark.rundir import manifest as manifests
 from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
@@ -34,8 +36,13 @@ from eitbench.benchmark.submissions.submission import LEADERBOARD, Submission
 from eitbench.scenarios.similarity import Similarity
 from eitbench.scenarios.suites.scenario import RecordedScenario
 
-ADDED_BY_REPORTS = {"cites", "gap", "tier", "why_not"}
-"""Entries of a row of the leaderboard that no standing has."""
+ADDED_BY_REPORTS = {
+    "cites": r"[\w.,:+-]{0,200}",
+    "gap": "",
+    "tier": r"(self-reported( \(its times are self-reported\))?)?",
+    "why_not": None,
+}
+"""Entries of a row of the leaderboard that no standing has, and what they may hold."""
 
 COVERAGES = tuple(f"coverage_{level}" for level in LEVELS)
 
@@ -44,7 +51,7 @@ CURVES_APART = 1e-5
 
 PLAUSIBLE_PSNR_DB = 45.0
 """Networks have less on clean data; an exact fit on the mesh of the data may have more, and is then
-looked at by somebody."""
+looked at by somebody. Frames of the untouched sensor, which any small image fits, do not count."""
 
 PLAUSIBLE_PLACE_MM = 0.1
 """A press is placed by a robot that is not more accurate."""
@@ -97,6 +104,12 @@ def failures_are_reported(of: Submission) -> str:
         mask = of.data[scenario].test.sensor.mask
         if images is None:
             return f"There are no images of {method!r} on {scenario!r}."
+        background, outside = of.data[scenario].test.sensor.background, images[:, ~mask]
+        if not np.isclose(outside, background, rtol=1e-6, atol=0)[np.isfinite(outside)].all():
+            return (
+                f"Images of {method!r} on {scenario!r} hold more than the background outside of "
+                "the sensor, which no run writes."
+            )
         whole = np.isfinite(images[:, mask]).all(axis=1)
         if not np.array_equal(whole, ordered["status"] == "ok"):
             return (
@@ -160,6 +173,11 @@ def curves_follow(of: Submission) -> str:
     """Curves of stated uncertainty that the figures of its frames, or mathematics, contradict."""
     for (scenario, method), rows in cells_of(of.run.samples).items():
         curves = stored_curves(of.run, stored_text(of.run, scenario, method, "uncertainty"))
+        for name, spec in UNCERTAINTY.items():
+            highest = 1.0 + CURVES_APART if "coverage" in name else np.inf  # sums are rounded
+            values = rows[name].dropna() if name in rows else pd.Series(dtype=float)
+            if spec.unit != "ms" and not values.between(0.0, highest).all():
+                return f"The {spec.title} of {method!r} on {scenario!r} has values that cannot be."
         stated = [rows[name].mean() if name in rows else np.nan for name in COVERAGES]
         if curves is None:
             if np.isfinite(stated).any():
@@ -187,7 +205,11 @@ def leaderboard_follows(of: Submission) -> str:
         rows = {(row["scenario"], row["method"]): row for row in stored}
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         return f"{LEADERBOARD} cannot be read ({type(error).__name__})."
-    expected = [row for standing in standings([run]) for row in standing.rows]
+    expected = [
+        row | {"why_not": standing.why_not}
+        for standing in standings([run])
+        for row in standing.rows
+    ]
     if len(stored) != len(expected):
         return f"{LEADERBOARD} has {len(stored)} rows, and the samples give {len(expected)}."
     for row in expected:
@@ -199,8 +221,10 @@ def leaderboard_follows(of: Submission) -> str:
                     f"In {LEADERBOARD} the {name} of {row['method']!r} on {row['scenario']!r} is "
                     f"{there.get(name)}, and the samples give {value}."
                 )
-        if more := there.keys() - row.keys() - ADDED_BY_REPORTS:
-            return f"{LEADERBOARD} holds {min(more)!r}, which no run writes."
+        for name in there.keys() - row.keys():
+            said = ADDED_BY_REPORTS.get(name)
+            if said is None or not re.fullmatch(said, str(there[name])):
+                return f"{LEADERBOARD} holds {name!r} {there[name]!r:.80}, which no run writes."
     return ""
 
 
@@ -232,7 +256,12 @@ def notes_are_ours(of: Submission) -> str:
 def is_plausible(of: Submission) -> str:
     """Figures that are better than frames allow."""
     for (scenario, method), rows in cells_of(of.run.samples).items():
-        psnr, place = rows["psnr"].mean(), rows["localisation_mm"].median()
+        truth = of.data[scenario].test.conductivity
+        touched = (
+            np.ones(len(rows), dtype=bool) if truth is None else np.ptp(truth, axis=(1, 2)) > 0
+        )
+        psnr = rows.loc[rows["sample"].isin(np.flatnonzero(touched)), "psnr"].mean()
+        place = rows["localisation_mm"].median()
         if psnr > PLAUSIBLE_PSNR_DB:
             told = f"a PSNR of {psnr:.1f} dB"
         elif rows["ssim"].isna().all() and place < PLAUSIBLE_PLACE_MM:

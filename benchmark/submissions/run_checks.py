@@ -275,6 +275,10 @@ def files_hold_nothing_else(of: Submission) -> str:
             return f"{table} holds {min(others).decode(errors='replace')!r}, which no run writes."
     for what, more in (
         ("The manifest", run.manifest.keys() - MANIFEST_KEYS),
+        (
+            "The machine of the manifest",
+            run.manifest["machine"].keys() - manifests.machine().keys(),
+        ),
         ("A cell of the manifest", set().union(*run.manifest["cells"]) - CELL_KEYS),
     ):
         if more:

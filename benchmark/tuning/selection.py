@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from pydantic import BaseModel
+
 from eitbench.benchmark.metrics.evaluation import REGISTRATION_FRAMES
 from eitbench.methods.registry import methods
 from eitbench.scenarios.errors import InputError
@@ -124,9 +126,9 @@ def at_edge(selection: Mapping[str, Any]) -> list[str]:
     """
     edges = []
     for name, value in selection["parameters"].items():
-        tried = {trial["parameters"].get(name) for trial in selection["trials"]}
+        tried = [trial["parameters"].get(name) for trial in selection["trials"]]
         numbers = [v for v in tried if isinstance(v, int | float) and not isinstance(v, bool)]
-        if len(numbers) >= 2 and value in {min(numbers), max(numbers)} - {0}:
+        if len(set(numbers)) >= 2 and value != 0 and value in (min(numbers), max(numbers)):
             edges.append(name)
     return edges
 
@@ -174,8 +176,7 @@ def record(scenario: Scenario, selections: Mapping[str, Selection], folder: Path
     key = validation_key(scenario)
     path = folder / f"{key[:16]}.json"
     added = {name: selection.describe() for name, selection in selections.items()}
-    before = _records(path)
-    rule = json.loads(path.read_text())["rule"] if before else RULE
+    before, rule = _records(path)
     if rule != RULE:
         before = {name: {"rule": rule} | selection for name, selection in before.items()}
     content = {
@@ -205,7 +206,7 @@ def outdated_selection(scenario: Scenario, method: str, code: str) -> bool:
 
 def _made_on(scenario: Scenario, method: str) -> list[dict[str, Any]]:
     file = f"{validation_key(scenario)[:16]}.json"
-    records = [_records(folder / file) for folder in (user_selections(), PACKAGED)]
+    records = [_records(folder / file)[0] for folder in (user_selections(), PACKAGED)]
     known = methods().get(method)
     name = (known and known.tuned_as) or method
     return [of[name] for of in records if name in of]
@@ -217,19 +218,36 @@ def selected_parameters(scenario: Scenario, method: str) -> dict[str, Any] | Non
     return None if selection is None else selection["parameters"]
 
 
-def _records(path: Path) -> dict[str, Any]:
-    """Return the records in a file by method; a damaged file is named and counts as empty."""
+class _StoredTrial(BaseModel):
+    parameters: dict[str, Any]
+    status: TrialStatus
+
+
+class _StoredSelection(BaseModel):
+    parameters: dict[str, Any]
+    trials: list[_StoredTrial]
+    spent: dict[str, float | str]
+    code: str = ""
+
+
+class _Records(BaseModel):
+    """What is used of a file of selections."""
+
+    rule: str
+    choices: dict[str, _StoredSelection]
+
+
+def _records(path: Path) -> tuple[dict[str, Any], str]:
+    """The records in a file by method, and their rule; a damaged one is named, counts as empty."""
     if not path.is_file():
-        return {}
+        return {}, RULE
     try:
-        records: dict[str, Any] = json.loads(path.read_text())["choices"]
-        for selection in records.values():
-            dict(selection["parameters"])
-            [(dict(trial["parameters"]), trial["status"]) for trial in selection["trials"]]
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        content = json.loads(path.read_text(encoding="utf-8"))
+        _Records.model_validate(content)
+    except (ValueError, RecursionError):
         _log.warning("%s is damaged and is not used: delete it and tune again.", path)
-        return {}
-    return records
+        return {}, RULE
+    return content["choices"], content["rule"]
 
 
 def user_selections() -> Path:

@@ -4,6 +4,7 @@ The rule is `selection.RULE`. Optuna writes every trial to a journal beside the 
 it is done, so that a tuning that was killed continues; the journals are removed at the end.
 """
 
+import inspect
 import logging
 import threading
 import warnings
@@ -20,6 +21,7 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 
 from eitbench.benchmark.rundir.lock import locked
+from eitbench.benchmark.rundir.manifest import versions
 from eitbench.benchmark.rundir.plan import Plan
 from eitbench.benchmark.tuning.selection import (
     FRAMES,
@@ -53,6 +55,7 @@ from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataUnavailableError, InputError
 from eitbench.scenarios.guard import closed_test_split
 from eitbench.scenarios.sensors.sensor import content_hash
+from eitbench.scenarios.storage.files import sha256_of
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
 from eitbench.scenarios.suites.suite import Suite
 
@@ -189,8 +192,8 @@ def _figure(scenario: Scenario) -> str:
         return "" if data.truth == "none" else ranked_by(data)
     except DataUnavailableError as error:
         _log.warning("Scenario %r is left out: %s", scenario.name, error)
-    except InputError:
-        _log.warning("Scenario %r is left out: it has no validation samples.", scenario.name)
+    except InputError as error:
+        _log.warning("Scenario %r is left out: %s", scenario.name, error)
     return ""
 
 
@@ -224,7 +227,7 @@ def select(
         if space is None:
             return None
         key = _key(study, space)
-        journal = journals / f"{key[:32]}.log"
+        journal = journals / f"{_made_by(study, key)[:32]}.log"
         if used is not None:
             used.add(journal)
         searched = _opened(journal, key, space)
@@ -253,8 +256,23 @@ def _search_space(validation: Validation) -> SearchSpace | None:
     return None if found is None else SearchSpace.of(*found)
 
 
+def _made_by(study: TuningTask, key: str) -> str:
+    """SHA-256 (hex) of a study and of what its trials depend on beside: they are not continued
+    with other limits or other code."""
+    suite, cls = study.suite, methods().get(study.method)
+    limits = [suite.fit_limit_s, suite.frame_limit_s, suite.memory_limit_mb]
+    return content_hash(
+        {
+            "study": key,
+            "limits": limits,
+            "versions": versions(),
+            "module": sha256_of(Path(inspect.getfile(cls))) if cls is not None else "",
+        }
+    )
+
+
 def _key(study: TuningTask, space: SearchSpace) -> str:
-    """Return the SHA-256 (hex) of all that decides the trials of a study."""
+    """Return the SHA-256 (hex) of what decides which trials a study makes."""
     return content_hash(
         {
             "validation": [validation_key(scenario) for scenario in study.scenarios],

@@ -118,7 +118,7 @@ def check_unreadable(place: Path) -> None:
         InputError: it lies in a folder that they may read.
     """
     named = [os.environ.get(name) for name in ("EITBENCH_DATA", "EITBENCH_EIDORS")]
-    caches = [cache_dir() / "weights", *shared_caches()]
+    caches = [cache_dir() / "weights", cache_dir() / "recordings", *shared_caches()]
     for folder in (*_needed(), *caches, *(Path(name) for name in named if name)):
         if place.resolve().is_relative_to(folder.resolve()):
             raise InputError(

@@ -134,6 +134,9 @@ class Worker:
             raise self._death(what) from error
         finally:
             ending.cancel()
+        if self._late.is_set():  # the answer came as the process was ended: it is late, too
+            self.close()
+            raise WorkerLostError(Failure("timeout", f"{what} took longer than {limit:g} s"))
         self._shorten_log()
         self._hold_to_memory(reply.memory_mb, what)
         return reply

@@ -82,7 +82,17 @@ def _changed() -> str:
         found, why = changes(older, path.parent), reasons(path.parents[1])
         names = [path.parents[1].name, f"`{path.parent.name}`", found.older]
         sure = "to the last bit" if found.exact else "to the rounding of processors"
-        rows.append([*names, ", ".join(f"`{name}`" for name in found.kept), f"the same {sure}"])
+        for methods, said in (
+            (found.kept, f"the same {sure}"),
+            (found.taken, f"those of {found.older}"),
+        ):
+            if methods:
+                rows.append([*names, ", ".join(f"`{name}`" for name in methods), said])
+        if found.unlike:
+            rows.append(
+                [*names, "all", f"not compared: data of {', '.join(found.unlike)} are others"]
+            )
+        rows += [[*names, "", f"gone: {what}"] for what in found.gone]
         rows += [
             [*names, f"`{name}`", f"changed ({what}): {why.get(name, '')}"]
             for name, what in found.changed.items()

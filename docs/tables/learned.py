@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from docs.tables.claims import ledger
 from docs.tables.record import SCENARIOS, STUDIES, printed, record
+from scipy import special
 
 from eitbench.benchmark.metrics.image_metrics import psnr_of_mean
 from eitbench.methods.weights.weight_files import packaged_weights
@@ -87,7 +88,7 @@ def _clean_row(
 ) -> list[str]:
     psnr = samples["psnr"]
     gain = psnr - base
-    error = 1.96 * gain.std() / np.sqrt(len(gain))
+    error = special.stdtrit(len(gain) - 1, 0.975) * gain.std() / np.sqrt(len(gain))
     ends = f"{gain.mean() - error:+.2f} to {gain.mean() + error:+.2f}"
     return [
         f"`{name}`", shown.get(name, ""), f"{len(samples):,}",

@@ -62,7 +62,13 @@ class GreitConformal(Greit):
                 f"is known and seen, and {FEWEST} are needed: name a scenario with more."
             )
         self._found, true = found[known], true[known]
-        if data.conductivity is None and (robot := fit_similarity(self._found, true)) is not None:
+        if data.conductivity is None:
+            robot = fit_similarity(self._found, true)
+            if robot is None:
+                raise InputError(
+                    f"The touches of the validation split of {data.scenario!r} lie on one line, "
+                    "which does not tell the robot's coordinates: name a scenario with others."
+                )
             true = robot.inverse(true)
         self._errors = true - self._found
 

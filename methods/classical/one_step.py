@@ -105,10 +105,11 @@ class GaussianStep(OneStep):
 
 
 def regularised_inverse(jacobian: Array, prior_times_transpose: Array, weight: float) -> Array:
-    """C J^T (J C J^T + weight I)^-1 (P, M), C the prior covariance, given C J^T (P, M).
+    """C J^T (J C J^T + w I)^-1 (P, M), C the prior covariance, given C J^T (P, M).
 
-    The identity (J^T J / w + C^-1)^-1 J^T / w = C J^T (J C J^T + w I)^-1 trades a system in the
-    pixels for one in the measurements.
+    w is `weight` times the mean of the diagonal of J C J^T. The identity
+    (J^T J / w + C^-1)^-1 J^T / w = C J^T (J C J^T + w I)^-1 trades a system in the pixels for one
+    in the measurements.
     """
     gram = jacobian @ prior_times_transpose
     factor = linalg.cho_factor(gram + damping(gram, weight))

@@ -70,13 +70,15 @@ class DnnConformal(UsesNetwork):
         self._problem = problem
         self._network = self.fitted_network(problem, self.gain_power, self.amplification)
         first, data = problem.reference, problem.validation(FRAMES + HELD_OUT)
-        images = reconstructed(self._network, problem, data)
-        power = self._network.effective_gain_power
-        self._novelty = FrameNovelty(problem, data, images, power)
-        if data.conductivity is None:
-            data = problem.training(FRAMES + HELD_OUT)
+        try:
             images = reconstructed(self._network, problem, data)
-        problem.reference = first
+            power = self._network.effective_gain_power
+            self._novelty = FrameNovelty(problem, data, images, power)
+            if data.conductivity is None:
+                data = problem.training(FRAMES + HELD_OUT)
+                images = reconstructed(self._network, problem, data)
+        finally:
+            problem.reference = first  # whatever is asked of the problem next
         assert data.conductivity is not None  # simulated
         mask = problem.mask
         whole, of_all = (data.conductivity - images)[:, mask], self._groups(images)[:, mask]

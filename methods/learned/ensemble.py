@@ -108,6 +108,11 @@ class NetworkEnsemble(Method):
         lacking = list(filter(None, (of.unusable(sensor) for of in cls.kinds)))
         return lacking[-1] if len(lacking) > len(cls.kinds) - 2 else ""
 
+    @classmethod
+    def usable(cls, sensor: Sensor) -> list[type[TrainedMethod]]:
+        """The kinds of networks that have weights for a sensor."""
+        return [of for of in cls.kinds if not of.unusable(sensor)]
+
     def fit(self, problem: Problem) -> None:
         """Load the weights.
 
@@ -116,9 +121,9 @@ class NetworkEnsemble(Method):
         """
         if why := self.unusable(problem.sensor):
             raise InputError(why)
-        usable = [of for of in self.kinds if not of.unusable(problem.sensor)]
         self._networks = [
-            of(gain_power=self.gain_power, amplification=self.amplification) for of in usable
+            of(gain_power=self.gain_power, amplification=self.amplification)
+            for of in self.usable(problem.sensor)
         ]
         for network in self._networks:
             network.fit(problem)

@@ -65,10 +65,7 @@ class RefinementMethod(TrainedMethod):
 
         self.start(problem)
         if metadata["begun_from"] != self.begun_from:
-            raise InputError(
-                f"The weights of {self.files.name!r} were trained for another first image than "
-                f"there is now: train them again with `{self.files.command}`."
-            )
+            raise InputError(self.of_another_first())
         self.check_gain_power(float(metadata.get("gain_power", "0")))
         self.train_s += self.begun_train_s
         self._network = self.network(problem)
@@ -76,6 +73,14 @@ class RefinementMethod(TrainedMethod):
         self._network.eval().requires_grad_(requires_grad=False)
         self._device = "cpu"
         self._motions = motions(problem.sensor, problem.jacobian)
+
+    @classmethod
+    def of_another_first(cls) -> str:
+        """The sentence that the weights continue others than those that are there."""
+        return (
+            f"The weights of {cls.files.name!r} were trained for another first image than there is "
+            f"now: train them again with `{cls.files.command}`."
+        )
 
     def check_gain_power(self, gain_power: float) -> None:
         """Check that the first images come from differences as those it is trained with.
@@ -183,7 +188,11 @@ class ContinuedMethod(RefinementMethod):
     @classmethod
     def unusable(cls, sensor: Sensor) -> str:
         """See `Method`."""
-        return super().unusable(sensor) or cls.first.unusable(sensor)
+        if why := super().unusable(sensor) or cls.first.unusable(sensor):
+            return why
+        first = cls.first.weights_hash(sensor)
+        continued = cls.files.metadata(sensor).get("begun_from", first)
+        return "" if continued == first else cls.of_another_first()
 
     def start(self, problem: Problem, device: str = "cpu") -> None:
         """See `RefinementMethod`."""

@@ -80,7 +80,8 @@ def kernel_ridge(
     Args:
         inputs, outputs: the samples.
         kernels: to choose from.
-        blocks: samples that are left out together; by default each is alone.
+        blocks: samples that are left out together; by default each is alone, and so it is where
+            one block holds all, since nothing would be left to learn from.
 
     Raises:
         InputError: fewer than 3 samples.
@@ -88,6 +89,7 @@ def kernel_ridge(
     if len(inputs) < 3:
         raise InputError(f"A regression needs at least 3 samples, got {len(inputs)}.")
     mean = outputs.mean(axis=0)
+    blocks = blocks if len(blocks) > 1 else ()
     candidates = []
     for kernel in kernels:
         matrix = kernel(inputs, inputs)

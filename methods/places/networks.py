@@ -12,6 +12,7 @@ from eitbench.methods.places.regressions import FEWEST, learned_from, middle, re
 from eitbench.methods.registry import register_place_method
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.transfer import Presses
+from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.similarity import Similarity
 
 if TYPE_CHECKING:
@@ -40,7 +41,14 @@ class Network(PlaceMethod):
     seeds: int = 1
 
     def fit(self, problem: PlaceProblem) -> None:
-        """Train the networks."""
+        """Train the networks.
+
+        Raises:
+            InputError: `presses` or `seeds` is no whole number above 0.
+        """
+        for name, value in (("presses", self.presses), ("seeds", self.seeds)):
+            if not (isinstance(value, int) and value > 0):
+                raise InputError(f"{name!r} is a whole number above 0, got {value!r}.")
         # Imported here: torch takes long.
         from eitbench.methods.places.place_network import REAL, SIMULATED, SKINS, PlaceNetwork
 

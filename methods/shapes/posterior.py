@@ -8,6 +8,8 @@ unknown level, the posterior is
 the likelihood of K measurements after the level s has been integrated out with the prior 1/s. The
 prior is uniform over ranges and places alike, where the regions lie in the sensor and apart.
 (Phantoms are drawn with the place after the sizes, so that large ones are somewhat more likely.)
+It is not divided by the share of places and sizes that fit, so that families of which more fit are
+thought likelier than they are.
 
 Particles are drawn from a multivariate t distribution q, the Laplace approximation about a fit with
 longer tails, and taken to the posterior through the distributions

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from importlib.resources import files
@@ -70,6 +71,7 @@ class WeightFiles:
             "network_version": self.version,
             "sensor": sensor.name,
             "sensor_key": sensor_key(sensor),
+            "weights_of": self.name,
         }
         arrays = {name: tensor.detach().cpu().numpy() for name, tensor in tensors.items()}
         write_arrays(path, arrays, {**metadata, **fixed})
@@ -81,29 +83,42 @@ class WeightFiles:
             InputError: there are none, or they belong to another sensor or version of the network.
             DataCorruptError: the file is damaged.
         """
+        given = path is not None
         path = path or self._found(sensor)
         if path is None:
             raise InputError(self.missing(sensor))
         try:
             found = read_arrays(path)
         except DataCorruptError as error:
-            raise DataCorruptError(f"{error} {self._again(path)}") from error
+            raise DataCorruptError(f"{error} {self._again(path, given)}") from error
         if found is None:
             raise InputError(f"There is no file of weights {path}: make it with `{self.command}`.")
         arrays, metadata = found
         if metadata.get("sensor_key") != sensor_key(sensor):
             raise InputError(
                 f"{path} holds weights for another sensor than {sensor.name!r}: they were trained "
-                f"for {metadata.get('sensor')!r}. {self._again(path)}"
+                f"for {metadata.get('sensor')!r}. {self._again(path, given)}"
+            )
+        if (of := metadata.get("weights_of", self.name)) != self.name:
+            raise InputError(
+                f"{path} holds weights of {of!r}, not of {self.name!r}. {self._again(path, given)}"
             )
         if metadata.get("network_version") != self.version:
             raise InputError(
                 f"{path} holds weights for version {metadata.get('network_version')} of "
-                f"{self.name!r}, and this is version {self.version}. {self._again(path)}"
+                f"{self.name!r}, and this is version {self.version}. {self._again(path, given)}"
             )
         from torch import from_numpy
 
         return Weights(path, {name: from_numpy(array) for name, array in arrays.items()}, metadata)
+
+    def metadata(self, sensor: Sensor) -> Mapping[str, str]:
+        """Metadata of the file that `load` takes for `sensor`; none if it cannot be read."""
+        found = None
+        if path := self._found(sensor):
+            with suppress(DataCorruptError):  # `load` says so
+                found = read_arrays(path)
+        return found[1] if found else {}
 
     def missing(self, sensor: Sensor) -> str:
         """Return the sentence that there are no weights for `sensor`, and what to do."""
@@ -133,7 +148,9 @@ class WeightFiles:
         )
         return next((path for path in places if path.is_file()), None)
 
-    def _again(self, path: Path) -> str:
+    def _again(self, path: Path, given: bool) -> str:
+        if given:
+            return f"Name another file, or train with `{self.command}`."
         if path.parent == packaged_weights():
             return f"Install eitbench again, or train your own weights with `{self.command}`."
         return f"Delete it, or train again with `{self.command}`."

@@ -45,10 +45,12 @@ class Changes:
         older: the version of the older one.
         exact: the same kind of machine made all of both, so that figures are compared to the last
             bit; cells of different machines may differ by `SAME`, the rounding of processors.
+            Nothing is exact where no cell is in both.
         kept: the methods that were run again and have all figures as before.
         taken: those all of whose rows are from the same runs in both records.
         changed: of each other method that is in both, what changed, in words.
         unlike: scenarios whose data are others, which are not compared.
+        gone: what only the older one has: scenarios, methods of scenarios, figures, in words.
     """
 
     older: str
@@ -57,6 +59,7 @@ class Changes:
     taken: list[str]
     changed: dict[str, str]
     unlike: list[str]
+    gone: list[str]
 
 
 def changes(older: Path, newer: Path) -> Changes:
@@ -70,12 +73,15 @@ def changes(older: Path, newer: Path) -> Changes:
     both = [name for name in after.scenarios() if name in data[0] and name in data[1]]
     same = [name for name in both if data[0][name]["hash"] == data[1][name]["hash"]]
     figures = [name for name in _figures(after) if name in before.samples]
+    gone = [f"the scenario {name}" for name in before.scenarios() if name not in both]
+    gone += [f"the figure {name}" for name in _figures(before) if name not in figures]
     sums = [_checksums_of(run) for run in (before, after)]
     differing: dict[str, list[str]] = {}
     taken = set[str]()
     alike: list[bool] = []
     for scenario in same:
         tables = [_by_method(run, scenario) for run in (before, after)]
+        gone += [f"{name} on {scenario}" for name in tables[0] if name not in tables[1]]
         for method in tables[0].keys() & tables[1].keys():
             origins = [manifest.origin(run.manifest, method, scenario) for run in (before, after)]
             one, other = (rounded(table[method][figures].to_numpy(float)) for table in tables)
@@ -85,7 +91,9 @@ def changes(older: Path, newer: Path) -> Changes:
             if one.shape != other.shape:
                 says.append(f"{len(one)} samples became {len(other)} ({scenario})")
             else:
-                equal = np.isclose(one, other, rtol=allowed, atol=allowed, equal_nan=True)
+                # Of a figure that is 0 in some samples, a share of what it is in others.
+                usual = pd.DataFrame(np.abs(one)).median().fillna(0.0).to_numpy()
+                equal = np.isclose(one, other, allowed, allowed * usual, equal_nan=True)
                 if n := int((~equal.all(axis=1)).sum()):
                     says.append(f"{n} of {len(one)} samples of {scenario}")
                 elif exact and (
@@ -98,11 +106,12 @@ def changes(older: Path, newer: Path) -> Changes:
                 taken.add(method)
     return Changes(
         older=older.parent.name,
-        exact=all(alike),
+        exact=bool(alike) and all(alike),
         kept=sorted(name for name, says in differing.items() if not says),
         taken=sorted(taken - differing.keys()),
         changed={name: ", ".join(says) for name, says in sorted(differing.items()) if says},
         unlike=[name for name in both if name not in same],
+        gone=gone,
     )
 
 
@@ -182,6 +191,8 @@ def in_words(found: Changes, why: Mapping[str, str]) -> list[str]:
     for name, what in found.changed.items():
         reason = why.get(name, "why is not said")
         said.append(f"Against {found.older}, {name} changed ({what}): {reason.rstrip('.')}.")
+    if found.gone:
+        said.append(f"Of {found.older}, {', '.join(found.gone)} are gone.")
     if found.unlike:
         said.append(f"Data of {', '.join(found.unlike)} are others, and not compared.")
     return said

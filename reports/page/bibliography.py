@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from itertools import chain, count
 from typing import TYPE_CHECKING, Any
 
 from eitbench.reports.page.report_data import rows_of
@@ -37,7 +38,7 @@ def bibliography(report: ReportData) -> str:
         if name in KEYS:
             found[KEYS[name]] = known[KEYS[name]]
         elif source := sources.get(name, "").strip():
-            key, entry = _own_entry(name, source, known)
+            key, entry = _own_entry(name, source, known | found)
             found[key] = entry
         else:
             unknown.append(name)
@@ -61,8 +62,16 @@ def _own_entry(name: str, source: str, taken: dict[str, str]) -> tuple[str, str]
     """Key and entry of the `source` that somebody gave of the method `name`."""
     entry = _ENTRY.fullmatch(source)
     if entry is not None and _is_harmless(entry[3]):
-        key = entry[2] if entry[2] not in taken else f"{entry[2]}-own"
-        return key, f"@{entry[1]}{{{key},{entry[3]}}}"
+        kind, own, fields = entry.groups()
+
+        def written(key: str) -> str:
+            return f"@{kind}{{{key},{fields}}}"
+
+        # BibTeX takes keys for the same that differ in case alone.
+        lower = {known.lower() for known in taken}
+        keys = chain((own, f"{own}-own"), (f"{own}-own-{k}" for k in count(2)))
+        key = next(k for k in keys if k.lower() not in lower or taken.get(k) == written(k))
+        return key, written(key)
     key = entry_key("method", name)
     return key, _misc(key, f"Method {name}", source)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eitbench.benchmark import DataCorruptError, InputError
+from eitbench.benchmark.analysis.catalogue import about_recording
 from eitbench.benchmark.analysis.overall import DataFigures, WinsRow, wins_over_suites
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.rundir import manifest
@@ -27,6 +28,7 @@ from eitbench.reports.board.changes import (
     reasons,
     version_key,
 )
+from eitbench.reports.findings.collect import findings
 from eitbench.reports.page.report import to_page
 from eitbench.reports.page.report_data import (
     BoardData,
@@ -40,6 +42,7 @@ from eitbench.reports.tables.gaps import run_tier
 
 if TYPE_CHECKING:
     from eitbench.benchmark.analysis.leaderboard import Row
+    from eitbench.reports.findings.finding import Finding
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +53,14 @@ class SuitePart:
         name: of the suite.
         runs: as they were read, the files of each in its `path`.
         report: what a report of them shows.
+        found: the findings of the report.
         self_reported: the submissions that are not ranked, see `is_ranked`; None without any.
     """
 
     name: str
     runs: Sequence[Run]
     report: ReportData
+    found: Sequence[Finding]
     self_reported: SuitePart | None = None
 
     @property
@@ -307,7 +312,7 @@ def _edition(folder: Path, version: str) -> Edition:
             f"There is no run directory in {folder}: name the folder that holds them, not one of "
             "them."
         )
-    by_suite: dict[str, dict[bool, list[tuple[Run, ReportData]]]] = {}
+    by_suite: dict[str, dict[bool, list[SuitePart]]] = {}
     left_out = []
     for path in paths:
         if path.is_symlink():
@@ -315,9 +320,11 @@ def _edition(folder: Path, version: str) -> Edition:
             continue
         try:
             run = read_run(path)
-            report = report_of([run])
-            to_page(report)
             suite = str(run.manifest["plan"]["suite"]["name"])
+            part = _part(suite, [run])
+            to_page(part.report, found=part.found)
+            for name in part.recordings:
+                about_recording(name)
             if is_submission(path):
                 read_statement(path)
             ranked = is_ranked(run)
@@ -331,30 +338,35 @@ def _edition(folder: Path, version: str) -> Edition:
             left_out.append(f"{path.name} is left out: {reason}")
             continue
         same = by_suite.setdefault(suite, {True: [], False: []})[ranked]
-        if path.name in [other.path.name for other, _ in same]:
+        if path.name in [other.path.name for known in same for other in known.runs]:
             left_out.append(
                 f"{path.name} is left out: suite {suite} has another folder of this name; rename it"
             )
             continue
-        same.append((run, report))
+        same.append(part)
     suites = []
     for suite, of in sorted(by_suite.items()):
         if of[True]:
-            self_reported = _part(suite, of[False]) if of[False] else None
-            suites.append(replace(_part(suite, of[True]), self_reported=self_reported))
+            self_reported = _joined(of[False]) if of[False] else None
+            suites.append(replace(_joined(of[True]), self_reported=self_reported))
             continue
         left_out += [
-            f"{run.path.name} is left out: it is self-reported, and there is no record of suite "
-            f"{suite} that it could stand below"
-            for run, _ in of[False]
+            f"{part.runs[0].path.name} is left out: it is self-reported, and there is no record of "
+            f"suite {suite} that it could stand below"
+            for part in of[False]
         ]
     keys = [key for key in published_keys(folder) if key.version == version]
     return Edition(version, suites, left_out, keys)
 
 
-def _part(suite: str, found: Sequence[tuple[Run, ReportData]]) -> SuitePart:
-    runs = [run for run, _ in found]
-    report = found[0][1] if len(found) == 1 else report_of(runs)
+def _joined(parts: Sequence[SuitePart]) -> SuitePart:
+    if len(parts) == 1:
+        return parts[0]
+    return _part(parts[0].name, [run for part in parts for run in part.runs])
+
+
+def _part(suite: str, runs: Sequence[Run]) -> SuitePart:
+    report = report_of(runs)
     for run, origin in zip(runs, report["runs"], strict=True):
         origin["checked"] = run_tier(run)
-    return SuitePart(suite, runs, report)
+    return SuitePart(suite, runs, report, findings(runs))

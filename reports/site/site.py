@@ -29,7 +29,6 @@ from eitbench.benchmark.rundir.store import SAMPLES
 from eitbench.benchmark.submissions.statement import read_statement
 from eitbench.benchmark.submissions.submission import FOLDER as SUBMISSIONS
 from eitbench.benchmark.submissions.tiers import is_submission
-from eitbench.reports.findings.collect import findings
 from eitbench.reports.page.rendering import asset, render
 from eitbench.reports.page.report import check_own_folder, to_page
 from eitbench.reports.site import images
@@ -171,8 +170,7 @@ class _Site:
         yield "submit.html", self._page("submit", title, home="", keys=keys, to=to)
         for suite in edition.suites:
             yield suite.file, self._suite(suite)
-            found = findings(list(suite.runs))
-            yield suite.report_file, to_page(suite.report, found=found).encode()
+            yield suite.report_file, to_page(suite.report, found=suite.found).encode()
             yield self._card_of(suite), _json(self._suite_card(suite))
         for name in edition.methods:
             yield method_file(name), self._method(name)
@@ -208,7 +206,8 @@ class _Site:
         here = values.pop("here", None)
         tabs = [{"name": "Overall", "file": "index.html", "here": here == ""}]
         tabs += [
-            {"name": s.name, "file": s.file, "here": here == s.name} for s in self.edition.suites
+            {"name": s.name, "file": _quoted(s.file), "here": here == s.name}
+            for s in self.edition.suites
         ]
         return render(
             f"site/{template}.html.jinja",
@@ -238,7 +237,7 @@ class _Site:
         suites = [
             {
                 "name": suite.name,
-                "file": suite.file,
+                "file": _quoted(suite.file),
                 "title": suite.title,
                 "size": _size(suite) + self._older(suite),
                 "answers": brief_answers(suite),

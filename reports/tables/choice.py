@@ -55,7 +55,11 @@ def sentence(choice: Choice) -> str:
         if names := [row.method for row in choice.tried if row.chosen_by == chosen_by]:
             parts.append(f"{why} {_code(names)}, compared as they come")
     if choice.not_tried:
-        parts.append(f"{choice.time_limit_s:g} s left no time to try {_code(choice.not_tried)}")
+        end = (
+            "it was stopped before" if choice.stopped else f"{choice.time_limit_s:g} s ended before"
+        )
+        were = "were" if len(choice.not_tried) > 1 else "was"
+        parts.append(f"{end} {_code(choice.not_tried)} {were} tried")
     return printable("; ".join(parts) + ".")
 
 

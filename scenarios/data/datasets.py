@@ -58,7 +58,8 @@ class Dataset:
         samples: one row per frame. `sample` is its number in the split, `phantom` names the
             object, `cluster` what it shares with others: only frames of different clusters are
             independent. Simulated: `session`, `family`, `shape`, `snr_db` and `touch_snr_db` of
-            the frame and of what the touch changes in it (NaN if clean), `model_distance_db` (see
+            the frame and of what changed in it since the reference frame: the touch and what has
+            drifted (NaN if clean), `model_distance_db` (see
             `distance_of_touch`; before any calibration; NaN outside the test split), `inclusions`
             and what was drawn (NaN where a family has no such value).
             Recorded: columns of the set, such as `x_m`, `y_m`, `depth_mm`.

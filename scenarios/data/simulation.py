@@ -21,7 +21,7 @@ from rich.progress import track
 from threadpoolctl import threadpool_limits
 
 from eitbench.scenarios.arrays import Array
-from eitbench.scenarios.errors import DataCorruptError, EitbenchError
+from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError
 from eitbench.scenarios.guard import check_open
 from eitbench.scenarios.imperfections.imperfections import TOUCH_INTERVAL_S
 from eitbench.scenarios.interrupts import worker_pool
@@ -200,14 +200,18 @@ def split_folder(split: Split) -> Path:
 
 
 def _chunks(scenario: SimulatedScenario, split: Split, count: int) -> list[_Chunk]:
-    parameters = scenario.clean_parameters(split)
-    folder = split_folder(split) / content_hash(parameters)
+    folder = split_folder(split) / content_hash(scenario.clean_parameters(split))
     chunks = []
     for first in range(0, count, CHUNK):
-        made_from = json.dumps({**parameters, "first": first}, sort_keys=True, allow_nan=False)
+        made_from = {"parameters": _made_from(scenario, split, first)}
         path = folder / f"{split}-{first:06d}.safetensors"
-        chunks.append(_Chunk(first, min(CHUNK, count - first), path, {"parameters": made_from}))
+        chunks.append(_Chunk(first, min(CHUNK, count - first), path, made_from))
     return chunks
+
+
+def _made_from(scenario: SimulatedScenario, split: Split, first: int) -> str:
+    parameters = {**scenario.clean_parameters(split), "first": first}
+    return json.dumps(parameters, sort_keys=True, allow_nan=False)
 
 
 def _simulated(
@@ -248,5 +252,10 @@ def _simulate(
             voltages.append(model.voltages(conductivity(scenario, split, sample)))
     frames = CleanFrames(np.array(voltages), np.array(untouched))
     if stored is None or len(stored.voltages) < len(voltages):
+        if _made_from(scenario, split, chunk.first) != chunk.metadata["parameters"]:
+            raise InputError(
+                f"The sensor file {scenario.sensor} was changed while its frames were simulated: "
+                "run it again."
+            )
         chunk.write(frames)
     return chunk, CleanFrames(*(array[: chunk.count] for array in frames))

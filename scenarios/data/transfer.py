@@ -133,7 +133,7 @@ def load_transfer(scenario: TransferScenario, limit: int | None = None) -> Trans
     check_open("test")
     if scenario.same_skin:
         raise InputError(f"Scenario {scenario.name!r}: {scenario.same_skin}")
-    presses, reference, samples = _presses(scenario.recording)
+    presses, reference, samples = _presses_of(scenario.recording)
     rows = split(scenario.recording, len(presses))
     needed = max(scenario.labelled, REGISTRATION)
     if len(rows.pool) < needed:
@@ -183,7 +183,7 @@ def _placed(recording: str, sensor: Sensor) -> Presses:
             f"The electrodes of {recording!r} are not those of {sensor.name!r}: the other skins "
             "need as many, in the same places, driven in the same pattern."
         )
-    presses = _presses(recording)[0]
+    presses = _presses_of(recording)[0]
     return Presses(presses.differences, onto(presses.places))
 
 
@@ -193,9 +193,15 @@ def _electrodes(sensor: Sensor) -> Array:
     return sensor.outline.point(middles)
 
 
-@lru_cache(maxsize=32)  # a skin is one of the others of all the others
-def _presses(recording: str) -> tuple[Presses, Array, pd.DataFrame]:
+def _presses_of(recording: str) -> tuple[Presses, Array, pd.DataFrame]:
     """All presses of a set, its reference frame (M,) and the rows of its samples."""
+    return _presses(recording, tuple(file.sha256 for file in recorded_set(recording).files))
+
+
+@lru_cache(maxsize=32)  # a skin is one of the others of all the others
+def _presses(recording: str, files: tuple[str, ...]) -> tuple[Presses, Array, pd.DataFrame]:
+    """`_presses_of`, read again when one of the `files` has changed."""
+    del files
     found = read_recording(recording)
     if "contacts" in found.samples:
         raise InputError(

@@ -179,6 +179,9 @@ class Imperfections(Declaration):
     ) -> Array:
         """Return `frames` (n, M) [V/A] as they reach the converter of the board, without noise.
 
+        Of a board that reports magnitudes they act on these, as if it measured without a sign: a
+        value near 0 may become negative.
+
         Args:
             frames: ideal frames.
             untouched: ideal frame (M,) of the untouched sensor, whose rms is the unit of offsets.

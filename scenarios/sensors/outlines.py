@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,27 +59,27 @@ class Polygon(_Bounded):
         x, y = self._closed[:-1].T
         if np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) <= 0:
             raise InputError("The vertices of a polygon must run counter-clockwise around an area.")
-        for k, m in combinations(range(len(self.vertices)), 2):
-            if self._sides_meet(k, m):
-                raise InputError(
-                    f"Sides {k} and {m} of a polygon cross or touch each other (side 0 goes from "
-                    "the first vertex to the second): list the vertices along its rim, each once."
-                )
+        ends = np.stack([self._closed[:-1], self._closed[1:]])
+        low, high = ends.min(axis=0), ends.max(axis=0)
+        for k in range(len(self.vertices)):
+            # Of a traced outline's many sides only those whose boxes meet are looked at one by one.
+            boxes = (low[k + 1 :] <= high[k]) & (low[k] <= high[k + 1 :])
+            for m in np.flatnonzero(boxes.all(axis=1)) + k + 1:
+                if self._sides_meet(k, int(m)):
+                    raise InputError(
+                        f"Sides {k} and {m} of a polygon cross or touch each other (side 0 goes "
+                        "from the first vertex to the second): list the vertices along its rim, "
+                        "each once."
+                    )
 
     def _sides_meet(self, k: int, m: int) -> bool:
-        """True if two sides, k < m, have a point in common other than the vertex between them."""
+        """True if two sides whose boxes meet, k < m, share more than the vertex between them."""
         (a, b), (c, d) = self._closed[k : k + 2].tolist(), self._closed[m : m + 2].tolist()
         if m == k + 1:
             return _turns_back(a, b, d)
         if (k, m) == (0, len(self.vertices) - 1):
             return _turns_back(c, a, b)
-        boxes = all(
-            min(a[i], b[i]) <= max(c[i], d[i]) and min(c[i], d[i]) <= max(a[i], b[i])
-            for i in (0, 1)
-        )
-        return (
-            boxes and _turn(a, b, c) * _turn(a, b, d) <= 0 and _turn(c, d, a) * _turn(c, d, b) <= 0
-        )
+        return _turn(a, b, c) * _turn(a, b, d) <= 0 and _turn(c, d, a) * _turn(c, d, b) <= 0
 
     @cached_property
     def _closed(self) -> Array:

@@ -2,7 +2,9 @@
 
 from collections import defaultdict
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,8 +75,8 @@ class DrivePattern:
     def title(self) -> str:
         """What the pattern is, for people: its offset, or the offsets of its pairs."""
         e = int(self.table.max()) + 1
-        for offset in range(1, e):
-            for driven in (False, True):
+        for offset, driven in product(range(1, e), (False, True)):
+            with suppress(InputError):  # too few electrodes to leave out the driven ones
                 if np.array_equal(offset_pattern(e, offset, driven=driven).table, self.table):
                     return f"offset {offset}{', driven too' if driven else ''}"
         drives, senses = (

@@ -56,7 +56,8 @@ def atomic_write_json(path: Path, value: Any) -> None:
 def _sweep(path: Path) -> None:
     """Remove what killed processes left beside `path`."""
     for left in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
-        # Its writer, or another process that sweeps, may be done with it meanwhile.
-        with suppress(FileNotFoundError):
+        # Its writer, or another process that sweeps, may be done with it meanwhile; in a folder
+        # that people share it may be somebody else's.
+        with suppress(OSError):
             if time.time() - left.lstat().st_mtime > ABANDONED_AFTER_S:
                 left.unlink()

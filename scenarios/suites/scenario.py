@@ -156,7 +156,8 @@ class SimulatedScenario(Declaration):
             if np.isin(sensor.pattern.table, declared.dead).any(axis=1).all():
                 raise ValueError("`dead` leaves no measurement: name fewer electrodes")
             of = (sensor.pattern.table[:, :, None] == np.arange(last + 1)).any(axis=1)
-            if getattr(declared, "dead_share", 0) and (~of.T.astype(int) @ ~of == 0).any():
+            spared = (~of).astype(int)
+            if getattr(declared, "dead_share", 0) and (spared.T @ spared == 0).any():
                 raise ValueError(
                     "`dead_share` may draw two electrodes that leave no measurement: leave it out"
                 )

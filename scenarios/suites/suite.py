@@ -179,7 +179,7 @@ def on_sensor(suite: Suite, name: str) -> Suite:
             continue
         declared = scenario.model_dump(mode="json") | {"sensor": name, "image_shape": None}
         try:
-            moved = SimulatedScenario.model_validate(declared)
+            moved = SimulatedScenario.model_validate(declared).drawn_with(scenario.key("test"))
         except ValidationError as error:
             reason = str(error.errors()[0]["msg"]).removeprefix("Value error, ")
             raise InputError(f"Suite {suite.name!r} cannot use sensor {name!r}: {reason}") from None

@@ -4,7 +4,8 @@ The change that each touch makes is predicted for every wiring from the model wi
 its place. For the cosine c of measured and predicted change a touch counts -log(1 - c^2) / 2, as if
 one value were measured with normal errors. The best wiring has to be ahead of every other one in
 the sum, and by a paired t-test over touches; also of those in which two electrodes are
-interchanged, which are not searched otherwise.
+interchanged, which are not searched otherwise. Wirings that no touch can tell apart, because each
+value of one is the reciprocal of the other's, are one: the first is named.
 """
 
 from dataclasses import dataclass
@@ -17,7 +18,14 @@ from eitbench.scenarios.physics.forward import forward_model, signed_voltages
 from eitbench.scenarios.recordings.descriptors import RecordedFrames
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.wiring.evidence import modelled_resistances
-from eitbench.scenarios.wiring.hypotheses import Order, Table, Wiring, numberings, with_swaps
+from eitbench.scenarios.wiring.hypotheses import (
+    Order,
+    Table,
+    Wiring,
+    meaning,
+    numberings,
+    with_swaps,
+)
 
 LEAST, MOST = 5, 50
 """Fewer touches are not looked at; more add nothing."""
@@ -94,20 +102,26 @@ def by_touches(
     e = sensor.n_electrodes
     tried = [Wiring(one.order, one.start, one.step, swapped) for one in numberings(candidates, e)]
 
+    def tables(wirings: list[Wiring]) -> list[Table]:
+        return [one.numbers(e)[candidates[one.order].table] for one in wirings]
+
     def scores(wirings: list[Wiring]) -> tuple[Array, Array]:
-        cosines = np.stack([
-            _cosines(one.numbers(e)[candidates[one.order].table], resistances, changes,
-                     touches.changes, magnitudes)
-            for one in wirings
-        ])  # fmt: skip
+        cosines = np.stack(
+            [
+                _cosines(table, resistances, changes, touches.changes, magnitudes)
+                for table in tables(wirings)
+            ]
+        )
         # All touches change the conductivity in one direction, whichever it is.
         cosines *= np.where(cosines.mean(axis=1, keepdims=True) < 0, -1, 1)
         return -np.log1p(-(np.clip(cosines, 0, 0.999) ** 2)) / 2, cosines
 
     score, cosines = scores(tried)
     total = score.sum(axis=1)
-    best = int(np.argmax(total))
-    gain = np.delete(score[best] - score, best, axis=0)
+    codes = meaning(np.stack(tables(tried)), e, magnitudes=magnitudes)
+    others = (codes != codes[np.argmax(total)]).any(axis=1)
+    best = int(np.argmin(others))
+    gain = score[best] - score[others]
     t = gain.mean(axis=1) / (gain.std(axis=1, ddof=1) + 1e-9) * np.sqrt(gain.shape[1])
     sure = bool(((gain.sum(axis=1) >= AHEAD) & (t >= AHEAD_T)).all())
     if sure and not swapped:

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.rundir import manifest
 from eitbench.cli import app
-from eitbench.commands.board import VERSION
+from eitbench.commands.board import VERSION, _check_remade
 from eitbench.scenarios import extras
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.suites import suite as suites
@@ -117,6 +117,16 @@ def test_code_that_nobody_can_take_makes_no_record(
     with pytest.raises(InputError, match="with all changes committed"):
         CliRunner().invoke(app, board(tmp_path, "quick"), catch_exceptions=False)
     assert not (tmp_path / "runs").exists()
+
+
+def test_methods_of_every_packaged_suite_can_belong_to_a_record(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of images, of places and operators."""
+    monkeypatch.setattr(manifest, "git_commit", lambda: "a" * 40)
+    monkeypatch.setattr(extras, "missing", lambda needs: "")
+    for name in suites.suites():
+        _check_remade(suites.load_suite(name).names)
 
 
 def test_a_method_whose_library_is_missing_is_not_left_out(

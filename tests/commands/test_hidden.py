@@ -95,7 +95,11 @@ def test_from_a_key_to_the_gap_of_a_method(
     code, _, err = eitbench("run", "--resume", tmp_path / "hidden")
     assert code == 2
     assert "does not hold its key: continue it with the `eitbench hidden run` that began" in err
-    code, _, err = eitbench("hidden", "run", "quick", *options, "--out", tmp_path / "hidden")
+    folder = ("--out", tmp_path / "hidden")
+    code, _, err = eitbench("hidden", "run", "quick", *options, *folder, "--methods", "tv")
+    assert code == 2
+    assert "give the same methods, scenarios and plugins to continue it" in " ".join(err.split())
+    code, _, err = eitbench("hidden", "run", "quick", *options, *folder)
     assert code == 0, err
     assert json.loads((tmp_path / "hidden" / "manifest.json").read_text())["status"] == "finished"
     after = pd.read_parquet(tmp_path / "hidden" / "samples.parquet")[seen]
@@ -134,7 +138,8 @@ def test_a_key_that_is_not_published_draws_nothing(eitbench: Command, tmp_path: 
 
 
 @pytest.mark.parametrize(
-    "folder", ["recordings", "eidors", "cache/weights", "cache/simulated/train"]
+    "folder",
+    ["recordings", "eidors", "cache/weights", "cache/recordings", "cache/simulated/train"],
 )
 @pytest.mark.parametrize("option", ["--key", "--out"])
 def test_nothing_secret_lies_where_isolated_methods_read(

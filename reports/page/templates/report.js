@@ -95,7 +95,7 @@ function drawBoard() {
   });
   const body = sorted(rows).map((row) => el("tr", { class: nameOf(row) === state.chosen ? "chosen" : "" }, ...columns.map((c) => {
     const text = c.name === board().kind ? nameOf(row) : number(c.form, row[c.name]);
-    if (c.name === board().kind) return el("td", { class: "text" }, el("button", { type: "button", "aria-pressed": String(nameOf(row) === state.chosen), onclick: () => choose(nameOf(row)) }, text));
+    if (c.name === board().kind) return el("th", { scope: "row", class: "text" }, el("button", { type: "button", "aria-pressed": String(nameOf(row) === state.chosen), onclick: () => choose(nameOf(row)) }, text));
     const ends = interval(c, row);
     return el("td", { class: (c.form ? "" : "text ") + (row.best.includes(c.name) ? "best" : "") }, text, ends ? el("small", {}, ends) : null);
   })));
@@ -350,7 +350,7 @@ function drawFamilies() {
   const parts = board().views.slice(1), c = ranking();
   $("families-section").hidden = !parts.length;
   if (!parts.length) return;
-  const body = board().views[0].rows.map((row) => el("tr", {}, el("td", { class: "text" }, nameOf(row)), ...parts.map((part) => {
+  const body = board().views[0].rows.map((row) => el("tr", {}, el("th", { scope: "row", class: "text" }, nameOf(row)), ...parts.map((part) => {
     const of = part.rows.find((r) => nameOf(r) === nameOf(row));
     const values = part.rows.map((r) => r[c.name]).filter((v) => typeof v === "number");
     const best = c.best === "max" ? Math.max(...values) : Math.min(...values);
@@ -393,7 +393,7 @@ function drawWeighted() {
   const order = [...rows].sort((a, b) => weighted(b) - weighted(a));
   $("weighted").replaceChildren(el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "#"), el("th", { scope: "col", class: "text" }, "Method"), el("th", { scope: "col" }, "Score"),
     el("th", { scope: "col" }, "# as published"), el("th", { scope: "col" }, "Weightings won"))),
-  el("tbody", {}, ...order.map((row, k) => el("tr", {}, el("td", {}, k + 1), el("td", { class: "text" }, nameOf(row)), el("td", {}, weighted(row).toFixed(3)), el("td", {}, row.rank),
+  el("tbody", {}, ...order.map((row, k) => el("tr", {}, el("td", {}, k + 1), el("th", { scope: "row", class: "text" }, nameOf(row)), el("td", {}, weighted(row).toFixed(3)), el("td", {}, row.rank),
     el("td", {}, number(".1%", row.weights_won))))));
   const found = board().sensitivity;
   $("sensitivity").replaceChildren(el("thead", {}, el("tr", {}, el("th", { scope: "col", class: "text" }, "Choice"), el("th", { scope: "col", class: "text" }, "Best by S"),
@@ -410,9 +410,9 @@ function drawPairs() {
   const b = board(), c = ranking(), rows = b.views[0].rows;
   $("pairs-section").hidden = !b.pairs.length;
   if (!b.pairs.length) return;
-  const heads = ["First", "Second", `Difference in ${c.title}`, "95 %", "p (Holm)", "Effect", "Wins"];
+  const heads = ["First", "Second", `Difference in ${c.title}`, "95 %", "p (adjusted)", "Effect", "Wins"];
   $("pairs").replaceChildren(el("thead", {}, el("tr", {}, ...heads.map((h, k) => el("th", { scope: "col", class: k < 2 ? "text" : "" }, h)))),
-    el("tbody", {}, ...b.pairs.map((pair) => el("tr", {}, el("td", { class: "text" }, nameOf(rows[pair.first])), el("td", { class: "text" }, nameOf(rows[pair.second])),
+    el("tbody", {}, ...b.pairs.map((pair) => el("tr", {}, el("th", { scope: "row", class: "text" }, nameOf(rows[pair.first])), el("td", { class: "text" }, nameOf(rows[pair.second])),
       el("td", { class: pair.p < 0.05 ? "best" : "" }, number(c.form, pair.difference)), el("td", {}, `${number(c.form, pair.low)} to ${number(c.form, pair.high)}`),
       el("td", {}, pair.p < 0.001 ? "<0.001" : pair.p.toFixed(3)), el("td", {}, pair.effect === null ? "–" : pair.effect.toFixed(2)), el("td", {}, number(".0%", pair.wins))))));
 }
@@ -430,7 +430,7 @@ function drawOverall() {
   $("overall").hidden = !found;
   if (found) $("overall").replaceChildren(heads(["Method", "Mean rank", "Wins", ...(guessed ? ["Error over a guess’s"] : [])]), el("tbody", {}, ...found.rows.map((row) => {
     const at = data.methods.indexOf(row.method);
-    return el("tr", {}, el("td", { class: "text" }, el("a", { href: `#method-${at}` }, row.method)),
+    return el("tr", {}, el("th", { scope: "row", class: "text" }, el("a", { href: `#method-${at}` }, row.method)),
       withEnds(".2f", row.rank, row.rank_low, row.rank_high), withEnds(".0%", row.wins, row.wins_low, row.wins_high),
       guessed ? withEnds(".2f", row.ratio, row.ratio_low, row.ratio_high) : null);
   })));
@@ -463,7 +463,7 @@ function drawAgainst() {
   const cell = (scenarios, named) => el("td", {}, scenarios.length || "–", named && scenarios.length ? el("small", {}, scenarios.slice(0, 3).join(", ") + (scenarios.length > 3 ? ", …" : "")) : null);
   const none = el("tr", {}, el("td", { class: "text", colspan: 5 }, "No scenario was tested in common."));
   $("against").replaceChildren(heads([`${mine || "–"} against`, "better on", "not told apart on", "worse on", "not tested on"]),
-    el("tbody", {}, ...[...rivals].map(([name, of]) => el("tr", {}, el("td", { class: "text" }, name), cell(of.better, true), cell(of.tied, false), cell(of.worse, true), cell(of.untested, false))), ...(rivals.size ? [] : [none])));
+    el("tbody", {}, ...[...rivals].map(([name, of]) => el("tr", {}, el("th", { scope: "row", class: "text" }, name), cell(of.better, true), cell(of.tied, false), cell(of.worse, true), cell(of.untested, false))), ...(rivals.size ? [] : [none])));
 }
 
 // ---- what is chosen ----------------------------------------------------------------------------

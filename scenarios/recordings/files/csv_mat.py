@@ -56,7 +56,7 @@ def content_of(
             firmware=str(head["firmware"]),
             emulated=bool(head["emulated"]),
             started=str(head["started"]),
-            number=columns["number"].astype(np.int64),
+            number=_whole(columns["number"]),
             time_s=columns["time_s"].astype(np.float64),
             received_s=columns["received_s"].astype(np.float64),
             values=values.astype(np.float64),
@@ -69,7 +69,7 @@ def content_of(
         raise DataCorruptError(f"{path} cannot be imported: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise DataCorruptError(
-            f"{path} cannot be imported: its header is not complete ({error})."
+            f"{path} cannot be imported: its header or its columns are not complete ({error})."
         ) from error
     if content.values.ndim != 2 or content.values.shape[1] != content.sensor.n_measurements:
         raise DataCorruptError(
@@ -77,6 +77,13 @@ def content_of(
             f"frame of its sensor has {content.sensor.n_measurements}."
         )
     return content
+
+
+def _whole(numbers: NDArray[Any]) -> NDArray[np.int64]:
+    """The `numbers` of frames as integers."""
+    if (numbers % 1 != 0).any():  # also where one is no number
+        raise ValueError("a number of a frame is no whole number")
+    return numbers.astype(np.int64)
 
 
 def without_times(values: NDArray[np.float64], sensor: Sensor, board: str, *events: str) -> Content:
@@ -146,7 +153,7 @@ def read_csv(path: Path) -> Content:
     names = body[0][1].split(",") if body else []
     if names[: len(COLUMNS)] != list(COLUMNS):
         raise DataCorruptError(f"{path} cannot be imported: its columns are not {COLUMNS} and v0.")
-    table = _table(body[1:], path)
+    table = _table(body[1:], path, len(names))
     if lines[-1] != f"{_COUNT}{len(table)}":
         raise DataCorruptError(
             f"{path} cannot be imported: it was cut short or edited, since its last line, "
@@ -169,8 +176,8 @@ def _head(lines: list[str], path: Path) -> dict[str, Any]:
     return head
 
 
-def _table(lines: Lines, path: Path) -> NDArray[np.float64]:
-    """Read the numbers (n, width) of `lines`, each of which has as many as the first."""
+def _table(lines: Lines, path: Path, width: int) -> NDArray[np.float64]:
+    """Read the numbers (n, width) of `lines`."""
     rows: list[list[float]] = []
     for number, line in lines:
         try:
@@ -179,12 +186,12 @@ def _table(lines: Lines, path: Path) -> NDArray[np.float64]:
             raise DataCorruptError(
                 f"{path} cannot be imported: line {number} holds something else than numbers."
             ) from error
-        if len(rows[-1]) != len(rows[0]):
+        if len(rows[-1]) != width:
             raise DataCorruptError(
-                f"{path} cannot be imported: line {number} has {len(rows[-1])} values, and those "
-                f"before it have {len(rows[0])}."
+                f"{path} cannot be imported: line {number} has {len(rows[-1])} values, and its "
+                f"line of column names has {width}."
             )
-    return np.array(rows).reshape(len(rows), -1) if rows else np.empty((0, 0))
+    return np.array(rows).reshape(len(rows), width)
 
 
 _LONGEST_MAT = 2**31

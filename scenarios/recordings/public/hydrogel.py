@@ -219,11 +219,12 @@ def _read_damage(folder: Path, sensor: Sensor) -> RecordedFrames:
 
 
 def _read_multitouch(folder: Path, sensor: Sensor) -> RecordedFrames:
-    pressed, released, distances = [], [], list[float]()
+    pressed, released, distances, states = [], [], list[float](), list[str]()
     for part, distance in DISTANCES_MM.items():
         path = folder / f"Extracted/MultiTouch/multitouch{part}.mat"
         mat = read_arrays(path, "responsedowns", "responseups")
         n = len(_TURNS[part])  # further rows repeat these
+        states += [f"{part} {turn}" for turn in _TURNS[part]]
         pressed.append(mat["responsedowns"][:n])
         released.append(mat["responseups"][:n])
         distances += [distance] * n
@@ -232,7 +233,7 @@ def _read_multitouch(folder: Path, sensor: Sensor) -> RecordedFrames:
             "split": validation_every_fifth(len(distances)),
             "probe_distance_mm": distances,
             "touched": True,
-            "state": np.unique(distances, return_inverse=True)[1],
+            "state": np.unique(states, return_inverse=True)[1],
         }
     )
     return rebased(np.concatenate(pressed), np.concatenate(released), samples)

@@ -122,7 +122,7 @@ def _check_remade(names: Sequence[str]) -> None:
         InputError: the code is not that of a commit, or a library is missing.
     """
     from eitbench.benchmark.rundir import manifest
-    from eitbench.methods.registry import METHOD_REGISTRY, OPERATOR_REGISTRY
+    from eitbench.methods.registry import OPERATOR_REGISTRY, place_methods
     from eitbench.scenarios.errors import InputError
     from eitbench.scenarios.extras import missing
 
@@ -132,7 +132,7 @@ def _check_remade(names: Sequence[str]) -> None:
             "A record names the commit that makes it again: run it from a clone of the repository, "
             "with all changes committed."
         )
-    known = METHOD_REGISTRY.known() | OPERATOR_REGISTRY.known()
+    known = place_methods() | OPERATOR_REGISTRY.known()
     for name in names:
         needs = getattr(known[name], "needs", "")
         if needs and (why := missing(needs)):

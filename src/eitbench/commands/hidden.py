@@ -7,6 +7,7 @@ import typer
 
 from eitbench.commands.board import RECORDS, VERSION, Records, Version
 from eitbench.commands.console import Json, names_in, print_json, print_renderable, warn
+from eitbench.commands.runs import all_failed
 
 app = typer.Typer(
     help="Hidden test sets: drawn with a secret key whose hash is published.",
@@ -61,10 +62,11 @@ def run(
     from eitbench.benchmark.run.progress import RunProgress
     from eitbench.benchmark.run.runner import make_plan, resume_run, start_run
     from eitbench.benchmark.rundir.manifest import FILE_NAME
+    from eitbench.benchmark.rundir.plan import read_resumable
     from eitbench.benchmark.submissions.hidden import KEYS, hidden_suite, read_key
     from eitbench.benchmark.workers.confinement import check_isolation, check_unreadable
     from eitbench.scenarios.data.simulation import split_folder
-    from eitbench.scenarios.errors import unknown_name
+    from eitbench.scenarios.errors import InputError, unknown_name
     from eitbench.scenarios.suites.suite import load_suite, suites
 
     if suite not in suites():
@@ -82,6 +84,14 @@ def run(
     )
     progress = RunProgress()
     if (out / FILE_NAME).is_file():
+        _, held = read_resumable(out)
+        of = [(set(p.names), set(p.scenarios), {f.sha256 for f in p.plugins}) for p in (held, plan)]
+        if of[0] != of[1]:
+            raise InputError(
+                f"{out} holds a run of {', '.join(held.names)} on {', '.join(held.scenarios)}: "
+                "give the same methods, scenarios and plugins to continue it, or another folder "
+                "for --out."
+            )
         result = resume_run(out, suite=plan.suite, jobs=jobs, isolate=True, progress=progress)
     else:
         result = start_run(plan, out, jobs=jobs, isolate=True, progress=progress)
@@ -89,6 +99,8 @@ def run(
         warn(sentence)
     typer.echo(f"Run: {result.path}")
     typer.echo("It holds the true images: keep it as secret as the key until that is retired.")
+    if result.refused or all_failed(result.path):
+        raise typer.Exit(1)
 
 
 @app.command("gap", epilog="Example: eitbench hidden gap runs/open ../hidden")

@@ -54,13 +54,17 @@ def tune(
     folder = out or user_selections()
     chosen = choose_all(plan, folder, budget=TuningBudget(trials, seconds), once=once, jobs=jobs)
     tuned: set[str] = set()
+    selected = False
     for scenario, name, choice in chosen:
         tuned.add(name)
         spent = choice.describe()["spent"]
         if choice.figure is None:
             why = next((f": {t.message}" for t in choice.trials if t.message), "")
+            if not choice.trials:
+                why = f": its first one takes longer than {seconds:g} s, give more with --seconds"
             typer.echo(f"{scenario}  {name}  nothing selected, as no trial gave a figure{why}")
             continue
+        selected = True
         typer.echo(
             f"{scenario}  {name}  {json.dumps(choice.parameters)}  {spent['trials']} trials"
             f" ({spent['pruned']} pruned, {spent['failed']} failed), {spent['seconds']:.0f} s"
@@ -76,6 +80,8 @@ def tune(
             f"Nothing to select for {', '.join(left)}, which list no values in `search` "
             "(docs/tuning.md)."
         )
+    if not selected:
+        return
     typer.echo(f"Selected hyper-parameters: {folder}")
     if out is not None:
         typer.echo("Runs use those in your cache: tune without --out to put them there.")

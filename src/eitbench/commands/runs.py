@@ -155,7 +155,7 @@ def run(
             progress=progress,
         )
     _show_run(result, as_json, limit)
-    if result.refused or _all_failed(result.path):
+    if result.refused or all_failed(result.path):
         raise typer.Exit(1)
 
 
@@ -240,7 +240,7 @@ def _show_run(result: "RunResult", as_json: bool, limit: int | None) -> None:
             typer.echo(f"{'Picture' if path.suffix == '.png' else 'Table'}: {path}")
 
 
-def _all_failed(run: Path) -> bool:
+def all_failed(run: Path) -> bool:
     """True for a run that has samples, none of them with an image or voltages."""
     from eitbench.benchmark.analysis.results import read_run
 

@@ -223,6 +223,16 @@ def test_what_several_methods_lack_is_one_sentence() -> None:
     assert all(repr(method) in sentence for method in old.samples["method"].unique())
 
 
+def test_a_figure_that_vanished_is_missed() -> None:
+    """As a repeatability of a method that fails on every frame; nothing else ranks its cell."""
+    old, new = before_and_after()
+    lost = new.samples["method"] == "same"
+    rows = new.samples.assign(score=new.samples["score"].mask(lost))
+    found = compare(old, Results(new.path, rows, {}, {}), {})
+    assert found.missing == ["'same' on 'one' has no S in new."]
+    assert "same" not in by_method(found.changes)
+
+
 def test_frames_that_are_gone_are_missed() -> None:
     old, new = before_and_after()
     rows = new.samples[(new.samples["method"] != "same") | (new.samples["sample"] >= 20)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eitbench.benchmark.checks.check import METHOD_CHECKS, check_method, check_target
-from eitbench.benchmark.checks.harness import SkippedError
+from eitbench.benchmark.checks.harness import BrokenError, SkippedError, require_quiet
 from eitbench.benchmark.checks.method_checks import mirror_equivariance, rotation_equivariance
 from eitbench.benchmark.checks.method_under_test import SCENARIO, MethodUnderTest
 from eitbench.scenarios.errors import InputError
@@ -74,6 +74,19 @@ def test_a_broken_promise_is_found_alone(
     assert {result.check for result in report.failed} == BROKEN[name]
     assert len(report.results) == len(EVERYTHING)
     assert all(result.message.endswith(".") for result in report.failed)
+
+
+def test_what_is_printed_is_found_after_text_of_more_bytes_than_characters(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    log.write_text("σ = 0.12 S/m, µ and λ are chosen\n" * 20, encoding="utf-8")
+
+    def prints() -> None:
+        with log.open("a", encoding="utf-8") as file:
+            file.write("σ = 0.1\n")
+
+    require_quiet(log, lambda: None, "it")
+    with pytest.raises(BrokenError, match=r"it prints: 'σ = 0\.1'"):
+        require_quiet(log, prints, "it")
 
 
 @pytest.mark.parametrize("name", MISBEHAVING)

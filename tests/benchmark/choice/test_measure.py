@@ -22,6 +22,7 @@ from eitbench.benchmark.tuning import selection
 from eitbench.benchmark.tuning.selection import Selection, Trial, TuningBudget
 from eitbench.scenarios.catalogue import sensor as sensor_by_name
 from eitbench.scenarios.errors import EitbenchError, InputError
+from eitbench.scenarios.suites.suite import load_suite
 
 TINY = """
 name = "tiny"
@@ -129,6 +130,56 @@ def test_with_drift_the_best_stays_where_no_other_is_told_from_it() -> None:
     choice = decide(trials, "touches", 10.0, **ABOUT)
     assert choice.best == Pick(method="sharp")
     assert choice.best_with_drift == Pick(method="sharp", not_told_from=("steady",))
+
+
+@pytest.mark.slow
+def test_a_method_that_fails_as_a_whole_costs_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "tiny.toml").write_text(TINY)
+
+    def refused(scenario: Any, method: str, *rest: Any) -> Any:
+        if method == "noser":
+            raise InputError("Parameter 'weigth' is unknown.")
+        return {}, "none"
+
+    monkeypatch.setattr(measure, "parameters_of", refused)
+    where = str(tmp_path / "tiny.toml")
+    names = ("noser", "back-projection")
+    choice = choose(where, tmp_path / "out", methods=names, time_limit_s=90)
+    assert [row.method for row in choice.tried] == ["back-projection"]
+    assert choice.unusable == {"noser": "Parameter 'weigth' is unknown."}
+    assert choice.not_tried == ()
+    with pytest.raises(EitbenchError, match=r"No method could be measured: Parameter 'weigth'"):
+        choose(where, tmp_path / "other", methods=["noser"], time_limit_s=90)
+
+
+@pytest.mark.parametrize(
+    ("figures", "ended_by", "chosen_by"),
+    [
+        ([1.0, None, None], "space", "tuning"),  # others were given up
+        ([1.0, None, None], "seconds", "default"),
+        ([None, 2.0, None], "seconds", "tuning"),  # the defaults fail
+        ([None, None], "space", "default"),
+        ([1.0, 2.0], "seconds", "tuning"),
+    ],
+)
+def test_parameters_are_called_tuned_where_something_was_compared(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, figures: list[float | None],
+    ended_by: Any, chosen_by: str,
+) -> None:  # fmt: skip
+    trials = tuple(Trial({"w": k}, figure) for k, figure in enumerate(figures))
+    known = [trial for trial in trials if trial.figure is not None]
+    best = known[-1] if known else Trial({}, None)
+    selection = Selection(best.parameters, best.figure, trials, TuningBudget(), ended_by)
+    monkeypatch.setattr(measure, "recorded_selection", lambda *_: None)
+    monkeypatch.setattr(measure, "choose_by_chance", lambda _: False)
+    monkeypatch.setattr(measure, "load", lambda *_, **__: None)
+    monkeypatch.setattr(measure, "make_plan", lambda *_, **__: None)
+    monkeypatch.setattr(measure, "tune", lambda *_, **__: [("small", "noser", selection)])
+    suite = load_suite("quick")
+    found = measure.parameters_of(suite.scenarios[0], "noser", suite, TuningBudget(), tmp_path)
+    assert found == (best.parameters if chosen_by == "tuning" else {}, chosen_by)
 
 
 @pytest.mark.slow

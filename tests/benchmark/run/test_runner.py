@@ -333,6 +333,24 @@ def test_resuming_needs_the_installed_methods_and_the_libraries_of_the_start(
         resume_run(cut_run)
 
 
+def test_a_resumption_that_is_killed_is_noted(
+    cut_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its rows may be of other code than the first ones."""
+
+    def killed(*_: object) -> None:
+        raise SystemExit(9)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(runner, "_execute", killed)
+        with pytest.raises(SystemExit):
+            resume_run(cut_run)
+    path = cut_run / "manifest.json"
+    assert len(json.loads(path.read_text())["resumed"]) == 1
+    resume_run(cut_run)
+    assert len(json.loads(path.read_text())["resumed"]) == 2
+
+
 def test_a_run_in_use_is_not_resumed(cut_run: Path) -> None:
     with (
         lock.locked(cut_run),

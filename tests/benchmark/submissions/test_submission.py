@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -23,6 +24,7 @@ from eitbench.benchmark.rundir.run_arrays import rounded_images
 from eitbench.benchmark.submissions import rerun as rerun_module
 from eitbench.benchmark.submissions import run_checks
 from eitbench.benchmark.submissions.check import CHECKS, check_submission
+from eitbench.benchmark.submissions.figure_checks import failures_are_reported
 from eitbench.benchmark.submissions.rerun import (
     ROUNDING,
     _away,
@@ -281,8 +283,27 @@ def copy_the_truth(run: Path, method: str = "my-noser") -> None:
         (
             edit_json(lambda rows: rows[0].update(score_x=99), "leaderboard.json"),
             BOARD,
-            "holds 'score_x', which no run writes",
+            "holds 'score_x' 99, which no run writes",
         ),
+        (
+            edit_json(
+                lambda rows: rows[0].update(tier="hidden, no fall found"), "leaderboard.json"
+            ),
+            BOARD,
+            "holds 'tier' 'hidden, no fall found', which no run writes",
+        ),
+        (
+            edit_json(lambda rows: rows[0].update(why_not="x"), "leaderboard.json"),
+            BOARD,
+            "the why_not of",
+        ),
+        (
+            edit_json(lambda m: m["machine"].update(more="x")),
+            CONTENT,
+            "The machine of the manifest holds 'more', which no run writes",
+        ),
+        (set_in_a_row("crps", -10.0), CURVES, "has values that cannot be"),
+        (set_in_a_row("coverage_95", 1.5), CURVES, "has values that cannot be"),
         (set_in_curves(lambda c: c["ranks"].insert(0, c["ranks"].pop())), CURVES, "do not follow"),
         (set_in_curves(lambda c: c["sparsified"].reverse()), CURVES, "do not follow"),
         (set_in_cells("uncertainty", ""), CURVES, "are missing"),
@@ -435,6 +456,21 @@ def test_what_was_edited_is_found(
     assert words in problem(run, failed)
 
 
+def test_pixels_outside_of_the_sensor_hold_the_background() -> None:
+    """No figure looks at them."""
+    mask = np.hypot(*np.mgrid[-4:5, -4:5]) < 4
+    images = np.where(mask, 0.2, np.full((2, 9, 9), 0.4)).astype(np.float32)
+    rows = {"scenario": "a", "method": "m", "sample": [0, 1], "status": ["ok", "error"]}
+    images[1] = np.nan
+    run = SimpleNamespace(samples=pd.DataFrame(rows), estimates=lambda *_: images)
+    sensor = SimpleNamespace(mask=mask, background=0.4)
+    data = {"a": SimpleNamespace(test=SimpleNamespace(sensor=sensor))}
+    submission = cast("Submission", SimpleNamespace(run=run, data=data))
+    assert failures_are_reported(submission) == ""
+    images[0, 0, 0] = 0.41
+    assert "hold more than the background outside" in failures_are_reported(submission)
+
+
 def test_a_name_is_of_one_code_among_the_submissions_of_a_version(
     submitted: Path, tmp_path: Path
 ) -> None:
@@ -559,9 +595,39 @@ def test_all_samples_can_be_run_again_and_those_of_a_part_are_drawn(
     with h5py.File(with_plugin / "reconstructions.h5", "a") as file:
         file["tiny/noser/conductivity"][4] = file["tiny/truth/conductivity"][4]
     monkeypatch.setattr(method_cell.MethodData, "batch", 1)
-    found = [rerun(open_submission(with_plugin), 2)[0].problem for _ in range(12)]
-    assert any("1 of 2 images differ" in text for text in found)  # else by a chance of 0.6^12
+    drawing = Random(0)
+    monkeypatch.setattr(rerun_module, "SystemRandom", lambda: drawing)
+    found = [rerun(open_submission(with_plugin), 2)[0].problem for _ in range(8)]
+    assert any("1 of 2 images differ" in text for text in found)
     assert not all(found)
+
+
+@pytest.mark.slow
+def test_frames_are_also_drawn_one_by_one(
+    with_plugin: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whole batches are neighbours: forged ones elsewhere would be missed."""
+    with h5py.File(with_plugin / "reconstructions.h5", "a") as file:
+        file["tiny/noser/conductivity"][4] = file["tiny/truth/conductivity"][4]
+    drawn = rerun_module.drawn_batches
+
+    def first_ones(size: int, batch: int, n: int) -> list[slice]:
+        return drawn(size, batch, n) if batch == 1 else [slice(0, 3)]
+
+    monkeypatch.setattr(rerun_module, "drawn_batches", first_ones)
+    (found, other) = rerun(open_submission(with_plugin), 5)
+    assert "1 of 5 images are others where each frame is asked for alone" in found.problem
+    assert found.refutes
+    assert other.problem == ""
+
+
+def test_frames_are_drawn_from_the_whole_split_and_batches_are_whole() -> None:
+    singles = [drawn_batches(600, 1, 32) for _ in range(50)]
+    assert all(len({of.start for of in drawn}) == 32 for drawn in singles)
+    spread = [np.ptp([of.start for of in drawn]) for drawn in singles]
+    assert min(spread) > 200
+    assert drawn_batches(70, 32, 32) != [slice(0, 70)]
+    assert drawn_batches(70, 32, 1000) == [slice(0, 32), slice(32, 64), slice(64, 70)]
 
 
 @pytest.mark.slow
@@ -605,6 +671,8 @@ def test_stated_figures_are_compared_frame_by_frame(exact: bool) -> None:
     assert _other_statement(better, ours, exact=exact) == "'crps'"  # in all frames, and its mean
     some = ours.assign(crps=ours["crps"].where(np.arange(64) % 8 > 0, 0.97 * ours["crps"]))
     assert _other_statement(some, ours, exact=exact) == ("'crps'" if exact else "")
+    few = ours.assign(crps=ours["crps"].where(np.arange(64) > 1, -10.0))  # not more than may
+    assert _other_statement(few, ours, exact=exact) == "'crps'"
     elsewhere = ours.assign(novelty=ours["novelty"] * rng.uniform(0.97, 1.03, 64))
     assert _other_statement(elsewhere, ours, exact=False) == ""
 

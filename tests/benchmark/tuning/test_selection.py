@@ -1,7 +1,9 @@
 """Records of choices, those that come with the package among them."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,6 +15,7 @@ from eitbench.benchmark.tuning.selection import (
     TuningBudget,
     at_edge,
     record,
+    recorded_selection,
     selected_parameters,
     validation_key,
 )
@@ -81,6 +84,38 @@ def test_a_record_says_what_was_spent_and_why_a_trial_failed(tmp_path: Path) -> 
     spent = {"trials": 2, "pruned": 0, "failed": 1, "seconds": 2.0, "ended_by": "space"}
     assert kept["spent"] == spent
     assert kept["trials"][1]["message"] == "it said no"
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda content: content.pop("rule"),
+        lambda content: content["choices"]["noser"].pop("spent"),
+        lambda content: content["choices"]["noser"].update(spent=3),
+        lambda content: content["choices"]["noser"]["trials"][0].update(status="fine"),
+        lambda content: content["choices"]["noser"].update(code=1),
+        lambda content: content.update(choices=[]),
+    ],
+)
+def test_a_damaged_record_is_named_and_counts_as_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture,
+    spoil: Callable[[dict[str, Any]], object],
+) -> None:  # fmt: skip
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path))
+    path = record(SMALL, {"noser": choice(weight=0.5)}, tmp_path / "selected")
+    content = json.loads(path.read_text())
+    spoil(content)
+    path.write_text(json.dumps(content))
+    assert recorded_selection(SMALL, "noser") is None
+    assert f"{path} is damaged" in caplog.text
+    record(SMALL, {"noser": choice(weight=0.7)}, tmp_path / "selected")
+    assert selected_parameters(SMALL, "noser") == {"weight": 0.7}
+
+
+def test_values_that_have_no_order_are_at_no_edge() -> None:
+    tried = [{"parameters": {"of": [1, 2], "w": k}} for k in (1, 2, 3)]
+    assert at_edge({"parameters": {"of": [1, 2], "w": 3}, "trials": tried}) == ["w"]
+    assert at_edge({"parameters": {"w": 2}, "trials": tried}) == []
 
 
 def test_a_choice_keeps_the_rule_that_it_was_made_by(

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -257,6 +258,16 @@ def test_a_study_that_was_stopped_goes_on_where_it_stood(
     journal.with_name(journal.name + ".lock").symlink_to(journal)
     assert the_choice(TuningBudget(), tmp_path / "cut") == expected
     assert len(asked) == 16
+
+
+def test_a_study_is_not_continued_with_other_limits(tmp_path: Path) -> None:
+    """A trial that took longer than the old ones may not take longer than the new ones."""
+    task = TuningTask((SMALL,), "noser", None, "", suite(SMALL), TuningBudget())
+    more = replace(task, suite=task.suite.model_copy(update={"fit_limit_s": 1e4}))
+    names = {tuning._made_by(of, "key") for of in (task, more)}
+    assert len(names) == 2
+    assert tuning._made_by(replace(task, method="tv"), "key") not in names
+    assert tuning._made_by(task, "key") in names
 
 
 @pytest.mark.slow

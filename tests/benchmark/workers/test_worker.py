@@ -17,7 +17,7 @@ import pytest
 from tests.support.waiting import has_ended, wait_for
 
 from eitbench.benchmark.workers import method_service
-from eitbench.benchmark.workers.messages import MAX_HEADER, MAX_TRACE, WorkerLostError
+from eitbench.benchmark.workers.messages import MAX_HEADER, MAX_TRACE, Reply, WorkerLostError
 from eitbench.benchmark.workers.method_service import MethodService, learning_splits
 from eitbench.benchmark.workers.process import WorkerProcess
 from eitbench.benchmark.workers.worker import (
@@ -217,6 +217,22 @@ def test_half_an_answer_is_not_waited_for_without_end() -> None:
     ):
         worker.ask("fit", limit=0.5, what="it")
     assert lost.value.failure.status == "timeout"
+
+
+class Answers:
+    def say(self) -> Reply:
+        return Reply("done", 0.0, None, 0.0)
+
+
+def test_an_answer_that_comes_as_the_time_is_up_is_late_and_costs_no_other_request() -> None:
+    with Worker(serve, Answers()) as worker:
+        assert worker.ask("say", limit=60, what="it").value == "done"
+        end = worker._end_late
+        worker._process.end = lambda: None  # type: ignore[method-assign]
+        end()  # as its timer does between the answer and its reading
+        with pytest.raises(WorkerLostError, match="it took longer than 60 s"):
+            worker.ask("say", limit=60, what="it")
+        del worker._process.end
 
 
 class MakesFolder:

@@ -162,7 +162,7 @@ def test_a_file_that_was_cut_anywhere_is_refused(recorded: Path, tmp_path: Path)
     head, *rows, end = text.rstrip().rsplit("\n", 3)
     assert end == "# frames: 21"
     cuts = {
-        f"line {text.count(chr(10)) - 1} has 20 values, and those before it have 43": (
+        f"line {text.count(chr(10)) - 1} has 20 values, and its line of column names has 43": (
             "\n".join([head, rows[0], ",".join(rows[1].split(",")[:20])])
         ),
         "cut short or edited, since its last line, 32, is not '# frames: 21'": (
@@ -183,11 +183,14 @@ def test_a_file_that_was_cut_anywhere_is_refused(recorded: Path, tmp_path: Path)
     ("old", "new", "says"),
     [
         ("# eitbench recording 2", "# eitbench recording 1", "of another layout than 2"),
-        ("# sensor:", "# sensr:", "its header is not complete"),
-        ('"x_m": [', '"x_m": ["a", ', "its header is not complete"),
-        ("# reference: [", "# reference: [[1], ", "its header is not complete"),
+        ("# sensor:", "# sensr:", "its header or its columns are not complete"),
+        ('"x_m": [', '"x_m": ["a", ', "its header or its columns are not complete"),
+        ("# reference: [", "# reference: [[1], ", "its header or its columns are not complete"),
         ("# labels: {", "# labels: ", "its labels is damaged"),
         ("number,time_s", "nmber,time_s", "its columns are not"),
+        (",v39\n", "\n", "has 43 values, and its line of column names has 42"),
+        ("\n0,", "\nnan,", "a number of a frame is no whole number"),
+        ("\n0,", "\n0.5,", "a number of a frame is no whole number"),
         ("polygon", "polygn", "described wrongly"),
     ],
 )

@@ -10,7 +10,7 @@ from eitbench.benchmark.workers.method_service import learning_splits
 from eitbench.methods import Problem, create
 from eitbench.methods.learned import conformal
 from eitbench.methods.learned.conformal import DnnConformal, widening
-from eitbench.scenarios import load
+from eitbench.scenarios import InputError, load
 from eitbench.scenarios.suites.suite import scenario_by_name
 
 
@@ -75,6 +75,20 @@ def test_intervals_hold_what_they_promise_on_test_frames(scenario: str) -> None:
         half.append(((drawn[9] <= truth) & (truth <= drawn[29]))[counted].mean())
     assert np.mean(shares) == pytest.approx(0.95, abs=0.04)
     assert np.mean(half) == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_set_up_that_fails_leaves_the_reference_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    def few(*_: object) -> None:
+        raise InputError("too few")
+
+    monkeypatch.setattr(conformal, "FrameNovelty", few)
+    scenario = scenario_by_name("noise-50db")
+    data = load(scenario, "validation", 12)
+    problem = Problem(data.sensor, data.references[0], partial(load, scenario))
+    before = problem.reference.copy()
+    with pytest.raises(InputError, match="too few"):
+        create("dnn-conformal").fit(problem)
+    assert np.array_equal(problem.reference, before)
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from scipy import integrate, stats
 from tests.support.small_sensors import TINY, clean_problem, foam, round_board, suite_of, tiny_mse
 
 from eitbench.methods import Problem, create
+from eitbench.methods.learned.ensemble import NetworkEnsemble
 from eitbench.methods.learned.gauss_newton_update import SNR_DB, GaussNewtonUpdate, expected_error
 from eitbench.methods.learned.image_networks import (
     TRAINED_ON,
@@ -36,6 +37,7 @@ from eitbench.scenarios import load, sensor
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.sensors.symmetry import motions
+from eitbench.scenarios.suites.suite import load_suite
 
 Array = NDArray[np.float64]
 
@@ -246,6 +248,10 @@ def test_a_step_through_the_model_improves_the_image_of_a_network(
     train(TrainingRequest("dnn", tiny, epochs=1, operator="jacobian", out=cache / "other"))
     with pytest.raises(InputError, match="were trained for another first image than there is now"):
         tiny_mse(create("learned-gn"))
+    sensor = load_suite(tiny).scenarios[0].nominal_sensor
+    assert "trained for another first image" in LearnedGaussNewton.unusable(sensor)
+    # An ensemble goes on without it.
+    assert "learned-gn" not in [of.files.name for of in NetworkEnsemble.usable(sensor)]
     with pytest.raises(InputError, match="begun with begun_from"):
         train(request)
 

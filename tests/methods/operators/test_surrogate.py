@@ -201,6 +201,11 @@ def test_truncated_altered_or_foreign_files_are_named(no_packaged: Path) -> None
     write_arrays(path, {"x": np.zeros(2)}, {})
     with pytest.raises(InputError, match="for another sensor"):
         operator("surrogate", s)
+    replace(Surrogate.files, name="dnn").save(path, s, {"x": torch.zeros(2)}, ABOUT)
+    with pytest.raises(InputError, match="holds weights of 'dnn', not of 'surrogate'"):
+        Surrogate.files.load(s)
+    with pytest.raises(InputError, match=r"not of 'surrogate'. Name another file, or train with"):
+        Surrogate.files.load(s, path)
     Surrogate.files.save(path, s, {"x": torch.zeros(2)}, ABOUT)
     with pytest.raises(DataCorruptError, match="does not hold the weights of a surrogate"):
         operator("surrogate", s)

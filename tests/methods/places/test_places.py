@@ -46,6 +46,13 @@ def test_the_leave_one_out_error_is_that_of_leaving_out_one() -> None:
     assert found.error == pytest.approx(min(errors), rel=1e-6)
 
 
+def test_one_block_of_all_leaves_out_single_samples() -> None:
+    """Nothing would be left: all kernels and ridges would be equally good, but for rounding."""
+    x, y = RNG.standard_normal((12, 3)), RNG.standard_normal((12, 2))
+    whole = kernel_ridge(x, y, gaussians(x), [slice(0, 12)])
+    assert whole.error == kernel_ridge(x, y, gaussians(x)).error
+
+
 def test_whole_blocks_are_left_out() -> None:
     x, y = RNG.standard_normal((12, 3)), RNG.standard_normal((12, 2))
     kernel, blocks = gaussians(x)[1], [slice(0, 5), slice(5, 8), slice(8, 12)]

@@ -31,7 +31,14 @@ from eitbench.benchmark.submissions.sums import SUMS
 from eitbench.benchmark.tuning.outdated import outdated
 from eitbench.commands.results import app as results
 from eitbench.reports.board import records
-from eitbench.reports.board.changes import REASONS, changes, last_before, reasons, version_key
+from eitbench.reports.board.changes import (
+    REASONS,
+    changes,
+    in_words,
+    last_before,
+    reasons,
+    version_key,
+)
 from eitbench.reports.board.records import (
     PLACE_STEP,
     SPEEDS,
@@ -432,9 +439,32 @@ def test_what_changed_is_found_to_the_last_bit(
     elsewhere = changes(first, newer)
     small = psnr < SAME
     assert (elsewhere.exact, "noser" in elsewhere.kept) == (False, small)
+    # A figure of small numbers is compared as closely as others.
+    samples = pd.read_parquet(newer / "samples.parquet")
+    weaker = samples.assign(crps=samples["crps"].where(samples["method"] != "noser", 1e-9))
+    weaker.to_parquet(newer / "samples.parquet", index=False)
+    assert changes(first, newer).changed == {"noser": "30 of 30 samples of n"}
+    samples.to_parquet(newer / "samples.parquet", index=False)
     with edited_manifest(newer) as content:
         content["data"]["n"]["hash"] = "0" * 64
-    assert changes(first, newer).unlike == ["n"]
+    unlike = changes(first, newer)
+    assert (unlike.unlike, unlike.kept, unlike.exact) == (["n"], [], False)
+
+
+def test_what_a_newer_record_lacks_is_told(record: Path, tmp_path: Path) -> None:
+    first, newer = (
+        Path(shutil.copytree(record, tmp_path / version / "mine"))
+        for version in ("2026.1", "2026.2")
+    )
+    samples, cells = (
+        pd.read_parquet(newer / name) for name in ("samples.parquet", "methods.parquet")
+    )
+    samples = samples[samples["method"] != "noser"].drop(columns="crps")
+    samples.to_parquet(newer / "samples.parquet", index=False)
+    cells[cells["method"] != "noser"].to_parquet(newer / "methods.parquet", index=False)
+    found = changes(first, newer)
+    assert found.gone == ["the figure crps", "noser on n"]
+    assert "Of 2026.1, the figure crps, noser on n are gone." in in_words(found, {})
 
 
 def test_damaged_checksums_are_one_sentence(record: Path, tmp_path: Path) -> None:
@@ -646,6 +676,7 @@ def test_every_change_of_the_leaderboard_has_its_reason() -> None:
         if (older := last_before(manifest.parent)) is not None:
             found = changes(older, manifest.parent)
             assert found.changed.keys() <= reasons(manifest.parents[1]).keys()
+            assert found.gone == []
 
 
 @pytest.mark.slow

@@ -69,6 +69,15 @@ def test_the_source_of_somebody_else_is_an_entry_or_a_note_with_its_doi() -> Non
     assert "@article{cheney1990," in text
 
 
+def test_sources_of_several_methods_with_one_key_are_all_there() -> None:
+    other, third = OWN.replace("Mine", "Another"), OWN.replace("mine2026", "Mine2026")
+    text = bibliography(report({"mine": OWN, "same": OWN, "other": other, "third": third}))
+    assert text.count("@article{mine2026,\n") == 1
+    assert text.count("@article{mine2026-own,\n") == 1
+    assert text.count("@article{Mine2026-own-2,\n") == 1
+    assert text.count("Another") == 1
+
+
 def test_recordings_and_suites_are_cited() -> None:
     suite = {
         "name": "quick",

@@ -61,7 +61,7 @@ class Page(WatchedPage):
         self.page.wait_for_selector("html[data-ready=true]", timeout=30_000)
 
     def column(self, table: str, number: int) -> list[str]:
-        cells = self.page.locator(f"{table} tbody tr td:nth-child({number})").all()
+        cells = self.page.locator(f"{table} tbody tr :is(td, th):nth-child({number})").all()
         return [cell.inner_text().split("\n")[0] for cell in cells]
 
 

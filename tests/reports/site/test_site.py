@@ -16,11 +16,12 @@ from tests.support.made_runs import edited_manifest, note_version
 
 from eitbench.benchmark.analysis.catalogue import about_method
 from eitbench.benchmark.analysis.results import SHOWN
-from eitbench.benchmark.submissions.hidden import Gap, HiddenRecord, write_hidden
+from eitbench.benchmark.submissions.hidden import Gap, HiddenRecord, PublishedKey, write_hidden
 from eitbench.benchmark.submissions.rerun import digest
 from eitbench.benchmark.submissions.sums import note_sums
 from eitbench.methods.registry import METHOD_REGISTRY
-from eitbench.reports.site.edition import editions
+from eitbench.reports.site.edition import Edition, editions
+from eitbench.reports.site.pages import hidden_keys
 from eitbench.reports.site.site import write_site
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.errors import DataCorruptError, InputError
@@ -233,6 +234,59 @@ def test_a_version_that_lost_its_records_is_not_left_out(board: Path, tmp_path: 
     shutil.rmtree(board.with_name("2026.2") / "bench")
     with pytest.raises(DataCorruptError, match=r"2026\.2/bench/.* is gone"):
         write_site(board.parent, tmp_path / "site")
+
+
+def test_pages_of_a_suite_whose_file_name_is_escaped_are_found(
+    build: Any, dataset_of: Any, tmp_path: Path
+) -> None:
+    """Windows has no file `con.html`."""
+    build.add_scaled(dataset_of("conductivity", 12), {"good": 0.9, "poor": 0.2})
+    run = shutil.copytree(build.write(), tmp_path / "runs" / "one")
+    with edited_manifest(run) as content:
+        content["plan"]["suite"]["name"] = "con"
+    for path in write_site(tmp_path / "runs", tmp_path / "site"):
+        if path.parent.parent.name != "reports":
+            for link in links(path):
+                assert (path.parent / unquote(link)).is_file(), link
+
+
+def _odd_parameters(run: Path) -> None:
+    with edited_manifest(run) as content:
+        content["cells"][0]["parameters"] = ["a"]
+
+
+def _odd_recording(run: Path) -> None:
+    with edited_manifest(run) as content:
+        content["plan"]["suite"]["scenarios"] = [{"name": "odd", "recording": ["x"]}]
+
+
+def _odd_uncertainty(run: Path) -> None:
+    cells = pd.read_parquet(run / "methods.parquet").assign(uncertainty="[")
+    cells.to_parquet(run / "methods.parquet", index=False)
+    samples = pd.read_parquet(run / "samples.parquet").assign(uncertainty_ms=1.0, crps=0.1)
+    samples.to_parquet(run / "samples.parquet", index=False)
+
+
+@pytest.mark.parametrize("spoil", [_odd_parameters, _odd_recording, _odd_uncertainty])
+def test_a_run_that_only_a_later_page_would_stumble_over_is_left_out(
+    build: Any, dataset_of: Any, tmp_path: Path, spoil: Callable[[Path], None]
+) -> None:
+    build.add_scaled(dataset_of("conductivity", 12), {"good": 0.9, "poor": 0.2})
+    run, runs = build.write(), tmp_path / "runs"
+    for name in ("one", "two"):
+        shutil.copytree(run, runs / name)
+    spoil(runs / "two")
+    (front, *_) = write_site(runs, tmp_path / "site")
+    assert "two is left out" in front.read_text()
+
+
+def test_a_key_that_several_suites_share_is_published_for_all() -> None:
+    shared = [
+        PublishedKey(version="2026.1", suite=suite, sha256="a" * 64) for suite in ("one", "two")
+    ]
+    retired = shared[0].model_copy(update={"retired": "b" * 64})
+    assert "secret" not in hidden_keys(Edition("2026.1", [], [], [retired, shared[1]]))
+    assert hidden_keys(Edition("2026.1", [], [], shared)) == "The key of one, two is secret."
 
 
 def test_a_run_whose_manifest_tells_nothing_of_its_resumption_is_left_out(

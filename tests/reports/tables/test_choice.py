@@ -28,9 +28,11 @@ def test_another_method_for_drift_defaults_and_what_was_not_tried_are_named() ->
     assert sentence(choice) == (
         "Put `noser` behind ohmc16: it finds presses to 5.0 mm (median of 60) in 0.7 ms a frame; "
         f"when drift as recorded is expected take `greit` (10.0 mm); {GPU}; too little time was "
-        "left to tune `greit`, compared as they come; 300 s left no time to try `tv`, "
-        "`gauss-newton-noser` and `gauss-newton-tv`."
+        "left to tune `greit`, compared as they come; 300 s ended before `tv`, "
+        "`gauss-newton-noser` and `gauss-newton-tv` were tried."
     )
+    stopped = choice.model_copy(update={"not_tried": ("tv",), "stopped": True})
+    assert sentence(stopped).endswith("; it was stopped before `tv` was tried.")
 
 
 def test_drift_that_takes_most_of_what_a_method_tells_is_said() -> None:

@@ -19,15 +19,26 @@ from safetensors.numpy import load as load_bytes
 from safetensors.numpy import save
 from tests.support.families import PUBLISHED_FAMILIES
 
+from eitbench.scenarios.data import simulation
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import CHUNK, clean_frames, phantom
-from eitbench.scenarios.errors import EitbenchError
+from eitbench.scenarios.errors import EitbenchError, InputError
 from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.phantoms.phantom import rasterise
-from eitbench.scenarios.physics.forward import ForwardModel
+from eitbench.scenarios.physics.forward import ForwardModel, forward_model
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
-from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
+from eitbench.scenarios.suites.scenario import TOUCHES, SimulatedScenario, Split, SplitNoise
 
+BENCH = """
+name = "bench"
+[outline]
+rectangle_mm = [100, 80]
+[electrodes]
+count = 16
+width_mm = 8
+[pattern]
+offset = 3
+"""
 SCENARIO = SimulatedScenario(
     name="small",
     image_shape=(12, 12),
@@ -149,6 +160,47 @@ def test_a_file_with_fewer_samples_is_completed_and_one_with_more_is_kept(
     clean_frames(SCENARIO, "test", CHUNK + 1)
     clean_frames(SCENARIO, "train", 2)
     assert [path.stem for path in files(cache)] == ["test-000000", "test-000030", "train-000000"]
+
+
+def test_frames_of_a_sensor_file_that_changed_meanwhile_are_not_stored(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their names would be those of the sensor as it was."""
+    path = tmp_path / "bench.toml"
+    path.write_text(BENCH)
+    scenario = SimulatedScenario.model_validate(SCENARIO.model_dump() | {"sensor": str(path)})
+    conductivity = simulation.conductivity
+
+    def edited(scenario: SimulatedScenario, split: Split, sample: int) -> np.ndarray:
+        path.write_text(BENCH.replace("width_mm = 8", "width_mm = 8.5"))
+        return conductivity(scenario, split, sample)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(simulation, "conductivity", edited)
+        with pytest.raises(InputError, match="was changed while its frames were simulated"):
+            clean_frames(scenario, "test", 2)
+    assert files(cache) == []
+    assert len(clean_frames(scenario, "test", 2).voltages) == 2
+
+
+def test_the_distance_of_the_model_is_that_of_what_a_touch_changes() -> None:
+    """Of a board without noise, from the two models: how much of a change methods cannot explain.
+
+    Its gains and its drift of the reference are in what is sent; methods fit one factor.
+    """
+    board = Imperfections(mesh="fine", electrode_shift_m=5e-4, gain=0.02, drift=0.01,
+                          reference_age_s=3600)  # fmt: skip
+    scenario = SCENARIO.model_copy(update={"imperfections": board, "noise": SplitNoise()})
+    found = load(scenario, "test", TOUCHES)
+    ideal = load(scenario.without_imperfections, "test", TOUCHES)
+    model = forward_model(scenario.nominal_sensor)
+    nominal = model.voltages(model.background)
+    seen = found.voltages - found.references
+    expected = ideal.voltages - nominal
+    for k in range(TOUCHES):
+        gain = nominal @ found.references[k] / (nominal @ nominal)
+        apart = np.linalg.norm(seen[k] - gain * expected[k]) / np.linalg.norm(seen[k])
+        assert found.samples["model_distance_db"][k] == pytest.approx(-20 * np.log10(apart))
 
 
 def test_scenarios_that_differ_in_noise_only_share_the_cache(solves: list[int]) -> None:

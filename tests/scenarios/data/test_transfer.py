@@ -50,6 +50,15 @@ def test_a_moved_recording_has_the_same_split(tmp_path: Path) -> None:
     assert sorted([*first.test, *first.pool]) == list(range(50))
 
 
+def test_a_skin_that_is_recorded_again_is_read_again(tmp_path: Path) -> None:
+    path = recording(tmp_path / "skin.h5")
+    before = given(path, 10)
+    Path(recording(tmp_path / "longer.h5", 60)).rename(path)
+    after = given(path, 10)
+    assert (len(before.test), len(after.test)) == (10, 12)
+    assert len(after.given.unlabelled) == 48
+
+
 def test_places_of_other_skins_lie_electrode_on_electrode(tmp_path: Path) -> None:
     """The same skin with its electrodes numbered from the opposite corner, as a mirror image."""
     path = recording(tmp_path / "skin.h5")

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from eitbench.scenarios import InputError, load, sensor
-from eitbench.scenarios.imperfections.calibration import Calibration, calibrate
+from eitbench.scenarios.imperfections.calibration import (
+    CONTACT_DEVIATION,
+    GAIN_DEVIATION,
+    SHIFT_DEVIATION,
+    Calibration,
+    calibrate,
+)
 from eitbench.scenarios.imperfections.imperfections import (
     Imperfections,
     channels,
@@ -67,6 +73,38 @@ def test_the_description_is_in_the_units_that_it_names(found: Calibration) -> No
     assert [row["contact_impedance"] for row in electrodes] == found.contacts.tolist()
     assert [row["gain"] for row in measured] == found.gains.tolist()
     assert described["misfit_before"] == found.misfit_before
+
+
+def test_stated_deviations_are_those_of_the_errors() -> None:
+    """Over units drawn from the priors: errors of gains, shifts and contacts."""
+    deviations: dict[str, list[np.ndarray]] = {"gain": [], "shift": [], "contact": []}
+    channel, pairs = channels(FOAM.pattern)
+    for unit in range(12):
+        board = Imperfections(
+            unit=unit, electrode_shift_m=SHIFT_DEVIATION * FOAM.outline.perimeter / 16,
+            contact_impedance=CONTACT_DEVIATION, gain=GAIN_DEVIATION,
+        )  # fmt: skip
+        found = calibrate(FOAM, reference(board))
+        described = found.describe()
+        electrodes, measured = described["electrodes"], described["channels"]
+        assert isinstance(electrodes, list)
+        assert isinstance(measured, list)
+        built = board.built(FOAM)
+        both = list(zip(built, FOAM.electrodes, strict=True))
+        shift = found.shifts - [b.centre - n.centre for b, n in both]
+        contact = np.log(found.contacts) - np.log(
+            [b.contact_impedance / n.contact_impedance for b, n in both]
+        )
+        ones = np.ones((1, FOAM.n_measurements))
+        factors = board.analogue(ones, ones[0], FOAM.pattern)[0]
+        gains = np.array([factors[channel == k].mean() for k in range(len(pairs))])
+        gain = found.gains - gains  # most of it in common, as no frame tells it from the current
+        deviations["gain"].append(gain / [row["gain_sd"] for row in measured])
+        deviations["shift"].append(1e3 * shift / [row["shift_mm_sd"] for row in electrodes])
+        stated = np.log([row["contact_impedance_sd_factor"] for row in electrodes])
+        deviations["contact"].append(contact / stated)
+    for name, errors in deviations.items():
+        assert 0.6 < np.sqrt(np.mean(np.square(errors))) < 1.6, name
 
 
 @pytest.mark.parametrize("units", [1.0, 250.0])

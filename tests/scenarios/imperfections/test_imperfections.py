@@ -114,9 +114,24 @@ def test_gain_and_offset_belong_to_channels(frames: np.ndarray, untouched: np.nd
     for found in (factor, added):
         for k in range(16):
             assert np.ptp(found[:, channel == k]) < 1e-9 * np.abs(frames).max()
-    assert 0.003 < np.std(factor[0]) < 0.02
     # The change that a touch makes does not depend on the offset.
     assert np.allclose(np.diff(added, axis=0), 0, atol=1e-12 * np.abs(frames).max())
+
+
+def test_gains_and_offsets_of_units_spread_as_declared(untouched: np.ndarray) -> None:
+    channel, pairs = channels(FOAM.pattern)
+    first = [int(np.flatnonzero(channel == k)[0]) for k in range(len(pairs))]
+    frame, rms = untouched[None], np.sqrt(np.mean(untouched**2))
+    boards = [[Imperfections(unit=k, gain=0.01), Imperfections(unit=k, offset=0.02)]
+              for k in range(60)]  # fmt: skip
+    sent = [[through(board, frame, untouched)[0, first] for board in unit] for unit in boards]
+    gains, offsets = np.array(sent).transpose(1, 0, 2)
+    gains, offsets = gains / untouched[first] - 1, (offsets - untouched[first]) / rms
+    assert gains.std() == pytest.approx(0.01, rel=0.1)
+    assert offsets.std() == pytest.approx(0.02, rel=0.1)
+    assert abs(gains.mean()) < 4 * 0.01 / np.sqrt(gains.size)
+    assert abs(offsets.mean()) < 4 * 0.02 / np.sqrt(offsets.size)
+    assert abs(np.corrcoef(gains.ravel(), offsets.ravel())[0, 1]) < 0.1
 
 
 def test_channels_of_reversed_pairs_are_the_same() -> None:

@@ -273,6 +273,10 @@ def test_multitouch_keeps_the_probe_distances_and_every_touch_once() -> None:
     counts = recording.samples["probe_distance_mm"].value_counts()
     assert counts.to_dict() == {108.0: 4, 75.0: 4, 20.0: 10}
     assert len(np.unique(recording.voltages, axis=0)) == 18
+    # Tips at other places are another state: 4, 4 and 5 turns, those at 20 mm twice.
+    states = recording.samples.groupby("probe_distance_mm")["state"].agg(["nunique", "count"])
+    assert states.to_numpy().tolist() == [[5, 10], [4, 4], [4, 4]]
+    assert recording.samples["state"].nunique() == 13
 
 
 def test_noise_of_the_fixed_press() -> None:

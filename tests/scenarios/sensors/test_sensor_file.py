@@ -56,6 +56,14 @@ def test_a_sensor_file_is_a_sensor(tmp_path: Path) -> None:
     assert sensor(str(write(tmp_path)), offset=1).pattern.table[0].tolist() == [0, 1, 2, 3]
 
 
+def test_a_sensor_file_is_read_again_when_it_has_changed(tmp_path: Path) -> None:
+    path = str(write(tmp_path))
+    first = sensor(path)
+    assert sensor(path) is first
+    write(tmp_path, GOOD.replace("width_mm = 8", "width_mm = 8.5"))
+    assert sensor(path).electrodes[0].width == pytest.approx(0.0085)
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [

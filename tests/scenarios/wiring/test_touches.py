@@ -13,7 +13,8 @@ from eitbench.scenarios.sensors.outlines import Disc
 from eitbench.scenarios.sensors.patterns import DrivePattern, offset_pattern
 from eitbench.scenarios.sensors.sensor import Sensor, even_electrodes
 from eitbench.scenarios.wiring.diagnosis import diagnose
-from eitbench.scenarios.wiring.touches import Touches
+from eitbench.scenarios.wiring.hypotheses import Wiring, meaning, orders
+from eitbench.scenarios.wiring.touches import Touches, by_touches
 
 E = 8
 PLACES = 0.001 * np.array([[20, 5], [-15, 22], [4, -28], [-25, -9], [12, 25], [-5, 3.0]])
@@ -64,6 +65,25 @@ def test_all_answers_that_fit_alike_are_counted_on_a_sensor_of_many_electrodes()
     found = diagnose(model.voltages(model.background)[None], many)
     assert found.certainty == "sure but for start and direction"
     assert found.open_answers == 80
+
+
+@pytest.mark.parametrize(("start", "step"), [(0, 1), (3, 1), (6, -1)])
+def test_touches_tell_the_order_alone_where_values_have_reciprocal_ones(
+    start: int, step: int
+) -> None:
+    """As where the untouched frame says nothing: all orders are tried.
+
+    The sense-major one has, row by row, the reciprocals of the declared one, and no touch tells
+    them apart.
+    """
+    numbers = (start + step * np.arange(E)) % E
+    _, changes = measured(numbers)
+    fitting = [of for of in orders(disc().pattern) if len(of.table) == len(disc().pattern.table)]
+    codes = [meaning(of.table, E, magnitudes=False) for of in fitting]
+    assert sum(np.array_equal(code, codes[0]) for code in codes) > 1
+    told = by_touches(disc(), Touches(changes, PLACES), fitting, magnitudes=False)
+    assert told.sure
+    assert told.wiring == Wiring(0, start, step)
 
 
 def test_touches_at_wrong_places_tell_nothing() -> None:
