@@ -53,13 +53,14 @@ def _of_file(path: Path) -> Sensor:
     with suppress(OSError):
         known = path.resolve(strict=True)
         stat = known.stat()
-        return _read(known, stat.st_mtime_ns, stat.st_size)
-    return _read.__wrapped__(path, 0, 0)  # says what is wrong with it
+        return _read(path, known, stat.st_mtime_ns, stat.st_size)
+    return _read.__wrapped__(path, path, 0, 0)  # says what is wrong with it
 
 
 @lru_cache(maxsize=32)  # every sample that is simulated asks for its sensor
-def _read(path: Path, changed_ns: int, size: int) -> Sensor:
+def _read(path: Path, known: Path, changed_ns: int, size: int) -> Sensor:
     """The sensor of a file, read again when the file has changed."""
+    del known, changed_ns, size
     return recorded_sensor(path) if is_recording(path.name) else read_sensor(path)
 
 

@@ -16,7 +16,7 @@ from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.sensors.sensor import Sensor, content_hash
 from eitbench.scenarios.storage.limits import check_regular
 
-ChosenBy = Literal["record", "tuning", "default", "few presses", "none"]
+ChosenBy = Literal["record", "tuning", "default", "few presses", "no figure", "none"]
 
 AS_FAST = 1.5
 """Times whose ratio is smaller count as equal: they differ so much from run to run."""
@@ -38,7 +38,8 @@ class Tried(Declaration):
         parameters: constructor parameters that it was tried with.
         chosen_by: what chose these: a "record" of an earlier tuning, "tuning" within the time
             limit, "default" where that had too little time, "few presses" where those for it would
-            choose by chance, "none" where there are none to choose.
+            choose by chance, "no figure" where all trials failed, "none" where there are none to
+            choose.
         place: error of the place on what decides.
         with_drift: the same where drift is expected: on recorded drift, or on simulated touches
             after drift; where labelled frames decide and only simulation has drift, on these frames

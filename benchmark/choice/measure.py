@@ -181,10 +181,9 @@ def parameters_of(
     if not found:
         return {}, "none"
     (selection,) = found
-    first_alone = [k for k, trial in enumerate(selection.trials) if trial.figure is not None] == [0]
-    if selection.figure is None or (first_alone and selection.ended_by == "seconds"):
+    if selection.ended_by == "seconds" and len(selection.trials) < 2:
         return {}, "default"
-    return selection.parameters, "tuning"
+    return selection.parameters, "no figure" if selection.figure is None else "tuning"
 
 
 def decide(

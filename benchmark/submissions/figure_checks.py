@@ -40,7 +40,6 @@ ADDED_BY_REPORTS = {
     "cites": r"[\w.,:+-]{0,200}",
     "gap": "",
     "tier": r"(self-reported( \(its times are self-reported\))?)?",
-    "why_not": None,
 }
 """Entries of a row of the leaderboard that no standing has, and what they may hold."""
 
@@ -176,7 +175,7 @@ def curves_follow(of: Submission) -> str:
         for name, spec in UNCERTAINTY.items():
             highest = 1.0 + CURVES_APART if "coverage" in name else np.inf  # sums are rounded
             values = rows[name].dropna() if name in rows else pd.Series(dtype=float)
-            if spec.unit != "ms" and not values.between(0.0, highest).all():
+            if spec.unit != "ms" and not values.between(-CURVES_APART, highest).all():
                 return f"The {spec.title} of {method!r} on {scenario!r} has values that cannot be."
         stated = [rows[name].mean() if name in rows else np.nan for name in COVERAGES]
         if curves is None:
@@ -205,14 +204,11 @@ def leaderboard_follows(of: Submission) -> str:
         rows = {(row["scenario"], row["method"]): row for row in stored}
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         return f"{LEADERBOARD} cannot be read ({type(error).__name__})."
-    expected = [
-        row | {"why_not": standing.why_not}
-        for standing in standings([run])
-        for row in standing.rows
-    ]
+    found = [(row, standing) for standing in standings([run]) for row in standing.rows]
+    expected = [row for row, _ in found]
     if len(stored) != len(expected):
         return f"{LEADERBOARD} has {len(stored)} rows, and the samples give {len(expected)}."
-    for row in expected:
+    for row, standing in found:
         there = rows.get((row["scenario"], row["method"]), {})
         for name, value in row.items():
             # A folder may be renamed.
@@ -221,7 +217,12 @@ def leaderboard_follows(of: Submission) -> str:
                     f"In {LEADERBOARD} the {name} of {row['method']!r} on {row['scenario']!r} is "
                     f"{there.get(name)}, and the samples give {value}."
                 )
-        for name in there.keys() - row.keys():
+        if there.get("why_not") != standing.why_not:
+            return (
+                f"In {LEADERBOARD} the why_not of {row['method']!r} on {row['scenario']!r} is not "
+                f"that of eitbench: {standing.why_not!r}."
+            )
+        for name in there.keys() - row.keys() - {"why_not"}:
             said = ADDED_BY_REPORTS.get(name)
             if said is None or not re.fullmatch(said, str(there[name])):
                 return f"{LEADERBOARD} holds {name!r} {there[name]!r:.80}, which no run writes."

@@ -4,7 +4,6 @@ The rule is `selection.RULE`. Optuna writes every trial to a journal beside the 
 it is done, so that a tuning that was killed continues; the journals are removed at the end.
 """
 
-import inspect
 import logging
 import threading
 import warnings
@@ -21,7 +20,7 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 
 from eitbench.benchmark.rundir.lock import locked
-from eitbench.benchmark.rundir.manifest import versions
+from eitbench.benchmark.rundir.manifest import git_commit, versions
 from eitbench.benchmark.rundir.plan import Plan
 from eitbench.benchmark.tuning.selection import (
     FRAMES,
@@ -55,7 +54,6 @@ from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.errors import DataUnavailableError, InputError
 from eitbench.scenarios.guard import closed_test_split
 from eitbench.scenarios.sensors.sensor import content_hash
-from eitbench.scenarios.storage.files import sha256_of
 from eitbench.scenarios.suites.scenario import RecordedScenario, Scenario
 from eitbench.scenarios.suites.suite import Suite
 
@@ -259,14 +257,14 @@ def _search_space(validation: Validation) -> SearchSpace | None:
 def _made_by(study: TuningTask, key: str) -> str:
     """SHA-256 (hex) of a study and of what its trials depend on beside: they are not continued
     with other limits or other code."""
-    suite, cls = study.suite, methods().get(study.method)
+    suite = study.suite
     limits = [suite.fit_limit_s, suite.frame_limit_s, suite.memory_limit_mb]
     return content_hash(
         {
             "study": key,
             "limits": limits,
             "versions": versions(),
-            "module": sha256_of(Path(inspect.getfile(cls))) if cls is not None else "",
+            "commit": git_commit(),
         }
     )
 

@@ -134,6 +134,7 @@ class Worker:
             raise self._death(what) from error
         finally:
             ending.cancel()
+        ending.join()
         if self._late.is_set():  # the answer came as the process was ended: it is late, too
             self.close()
             raise WorkerLostError(Failure("timeout", f"{what} took longer than {limit:g} s"))

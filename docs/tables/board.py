@@ -89,10 +89,10 @@ def _changed() -> str:
             if methods:
                 rows.append([*names, ", ".join(f"`{name}`" for name in methods), said])
         if found.unlike:
-            rows.append(
-                [*names, "all", f"not compared: data of {', '.join(found.unlike)} are others"]
-            )
-        rows += [[*names, "", f"gone: {what}"] for what in found.gone]
+            whose = "" if found.kept or found.taken or found.changed else "all"
+            others = ", ".join(found.unlike)
+            rows.append([*names, whose, f"not compared: data of {others} are others"])
+        rows += [[*names, "", f"gone: {what}: {why.get(what, '')}"] for what in found.gone]
         rows += [
             [*names, f"`{name}`", f"changed ({what}): {why.get(name, '')}"]
             for name, what in found.changed.items()

@@ -66,8 +66,9 @@ class GreitConformal(Greit):
             robot = fit_similarity(self._found, true)
             if robot is None:
                 raise InputError(
-                    f"The touches of the validation split of {data.scenario!r} lie on one line, "
-                    "which does not tell the robot's coordinates: name a scenario with others."
+                    f"The touches of the validation split of {data.scenario!r}, or the places that "
+                    "GREIT finds of them, lie on one line, which does not tell the robot's "
+                    "coordinates: name a scenario with others."
                 )
             true = robot.inverse(true)
         self._errors = true - self._found

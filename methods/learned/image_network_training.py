@@ -253,8 +253,8 @@ class PhysicalLoss(nn.Module):
     """Mean over frames and measurements of ((F(sigma_p) - V) / s)^2.
 
     F is a forward operator, V the frame that the network saw, in model units, and s (M,) the
-    standard deviation of each measurement over the training frames, by which the published work
-    standardises voltages too. sigma_p is kept within the sensor's range of conductivity, for
+    standard deviation of each measurement over the training frames. (Whether the published loss
+    divides by it is not stated.) sigma_p is kept within the sensor's range of conductivity, for
     outside it F need not exist; there its gradient is 0.
     """
 

@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 VERSION = re.compile(r"20\d\d\.[1-9]\d*")
 """Of the leaderboard: a year and a number, each version in one way only."""
 REASONS = "changed.toml"
-"""In the folder of a version: by the name of a method, why its figures changed."""
+"""In the folder of a version: by the name of a method, why its figures changed, and by the words
+of `Changes.gone`, why something is gone."""
 _REASONS = _SUMS = TypeAdapter(dict[str, str])
 
 
@@ -74,6 +75,9 @@ def changes(older: Path, newer: Path) -> Changes:
     same = [name for name in both if data[0][name]["hash"] == data[1][name]["hash"]]
     figures = [name for name in _figures(after) if name in before.samples]
     gone = [f"the scenario {name}" for name in before.scenarios() if name not in both]
+    for scenario in both:
+        there = [_by_method(run, scenario) for run in (before, after)]
+        gone += [f"{name} on {scenario}" for name in there[0] if name not in there[1]]
     gone += [f"the figure {name}" for name in _figures(before) if name not in figures]
     sums = [_checksums_of(run) for run in (before, after)]
     differing: dict[str, list[str]] = {}
@@ -81,7 +85,6 @@ def changes(older: Path, newer: Path) -> Changes:
     alike: list[bool] = []
     for scenario in same:
         tables = [_by_method(run, scenario) for run in (before, after)]
-        gone += [f"{name} on {scenario}" for name in tables[0] if name not in tables[1]]
         for method in tables[0].keys() & tables[1].keys():
             origins = [manifest.origin(run.manifest, method, scenario) for run in (before, after)]
             one, other = (rounded(table[method][figures].to_numpy(float)) for table in tables)
@@ -92,7 +95,8 @@ def changes(older: Path, newer: Path) -> Changes:
                 says.append(f"{len(one)} samples became {len(other)} ({scenario})")
             else:
                 # Of a figure that is 0 in some samples, a share of what it is in others.
-                usual = pd.DataFrame(np.abs(one)).median().fillna(0.0).to_numpy()
+                sizes = pd.DataFrame(np.abs(one))
+                usual = sizes.where((sizes > 0) & (sizes < np.inf)).median().fillna(0.0).to_numpy()
                 equal = np.isclose(one, other, allowed, allowed * usual, equal_nan=True)
                 if n := int((~equal.all(axis=1)).sum()):
                     says.append(f"{n} of {len(one)} samples of {scenario}")
@@ -191,8 +195,9 @@ def in_words(found: Changes, why: Mapping[str, str]) -> list[str]:
     for name, what in found.changed.items():
         reason = why.get(name, "why is not said")
         said.append(f"Against {found.older}, {name} changed ({what}): {reason.rstrip('.')}.")
-    if found.gone:
-        said.append(f"Of {found.older}, {', '.join(found.gone)} are gone.")
+    for what in found.gone:
+        reason = why.get(what, "why is not said")
+        said.append(f"Since {found.older}, {what} is gone: {reason.rstrip('.')}.")
     if found.unlike:
         said.append(f"Data of {', '.join(found.unlike)} are others, and not compared.")
     return said

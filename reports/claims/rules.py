@@ -481,7 +481,8 @@ def best_beta(evidence: Evidence) -> Judgement:
         Verdict.untestable,
         (replace(BETA_FIGURE, ours=float(betas[best])),),
         "The published loss sums squares over 6,400 pixels and 208 measurements, ours takes means: "
-        f"the published {BETA} is {BETA_OF_MEANS:.2g} in our units, if voltages are not scaled. "
+        f"the published {BETA} is {BETA_OF_MEANS:.2g} in our units, if their voltages have "
+        "a variance of 1. "
         f"The study is too small to find a best value ({', '.join(lacking)}): S is "
         f"{scores[best]:.3f} at its best, and all of its {len(rows)} values span "
         f"{scores.min():.3f} to {scores.max():.3f}.",

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eitbench.benchmark import DataCorruptError, InputError
-from eitbench.benchmark.analysis.catalogue import about_recording
 from eitbench.benchmark.analysis.overall import DataFigures, WinsRow, wins_over_suites
 from eitbench.benchmark.analysis.results import Run, read_run
 from eitbench.benchmark.rundir import manifest
@@ -323,8 +322,8 @@ def _edition(folder: Path, version: str) -> Edition:
             suite = str(run.manifest["plan"]["suite"]["name"])
             part = _part(suite, [run])
             to_page(part.report, found=part.found)
-            for name in part.recordings:
-                about_recording(name)
+            if not all(isinstance(name, str) for name in part.recordings):
+                raise ValueError("a scenario names something that is no recording")
             if is_submission(path):
                 read_statement(path)
             ranked = is_ranked(run)

@@ -236,9 +236,9 @@ def hidden_table(suite: SuitePart) -> Table | None:
 
 def hidden_keys(edition: Edition) -> str:
     """Say which hidden sets of a version have a secret key, and which one that is published."""
-    known = {of.suite: is_retired(edition.keys, of.sha256) for of in edition.keys}
-    secret = sorted(suite for suite, retired in known.items() if not retired)
-    published = sorted(known.keys() - set(secret))
+    keys = edition.keys
+    secret = sorted({of.suite for of in keys if not is_retired(keys, of.sha256)})
+    published = sorted({of.suite for of in keys} - set(secret))
     sentences = []
     if secret:
         sentences.append(f"The key of {', '.join(secret)} is secret.")

@@ -50,6 +50,7 @@ def sentence(choice: Choice) -> str:
     ]
     for chosen_by, why in (
         ("default", "too little time was left to tune"),
+        ("no figure", "no trial of tuning gave a figure of"),
         ("few presses", "too few presses are there to tune"),
     ):
         if names := [row.method for row in choice.tried if row.chosen_by == chosen_by]:

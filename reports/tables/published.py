@@ -22,10 +22,10 @@ TABLE_II: Table = {
     "phydnn": {"ssim": 0.9765, "cc": 0.9880, "rie": 0.0290, "psnr": 33.2950},
 }
 BETA = 0.0029
+"""The weight of the physical loss that was found to be the best of 52."""
 BETA_OF_MEANS = BETA * 208 / 6400
-"""The same, if the published norms are sums of squares over 80 x 80 pixels and 208 measurements:
-our losses are means over them."""
-"""The weight of the physical loss that was found to be the best of 52, for sums of squares."""
+"""The same for our losses, which are means: if the published norms are sums of squares over 80 x 80
+pixels and 208 measurements, whose voltages have a variance of 1."""
 
 # The scenarios whose phantoms follow the paper, by what is ranked on them.
 _TABLES: Mapping[str, tuple[Table, tuple[str, ...]]] = {

@@ -32,7 +32,7 @@ def test_it_prints_the_sentence_and_the_table_and_writes_both(
     code, said, err = eitbench("choose", "foam16", "--methods", "noser, greit", "--out", out)
     assert (code, err) == (0, "eitbench: Frames are left out.\n")
     assert said.startswith("Put `noser` behind foam16: ")
-    assert "Not usable on this sensor (choice.json says why): dnn" in said
+    assert "Not usable here, or failed (choice.json says why): dnn" in said
     (options,) = asked
     del options["progress"]
     assert options == {

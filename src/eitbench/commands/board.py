@@ -111,8 +111,11 @@ def board(
         found, why = changes(older, out), reasons(out.parent)
         for sentence in in_words(found, why):
             typer.echo(sentence)
-        if unsaid := found.changed.keys() - why.keys():
-            warn(f"Say in {out.parent / REASONS} why {min(unsaid)!r} changed: tests ask for it.")
+        if unsaid := (found.changed.keys() | set(found.gone)) - why.keys():
+            warn(
+                f"Say in {out.parent / REASONS} why {min(unsaid)!r} changed or is gone: tests ask "
+                "for it."
+            )
 
 
 def _check_remade(names: Sequence[str]) -> None:

@@ -76,6 +76,6 @@ def choose(
     print_renderable(names_table(choice_rows(choice)))
     if choice.unusable:
         typer.echo(
-            f"Not usable on this sensor (choice.json says why): {', '.join(choice.unusable)}"
+            f"Not usable here, or failed (choice.json says why): {', '.join(choice.unusable)}"
         )
     typer.echo(f"Choice: {folder / 'choice.json'} (eitbench live --choice)")

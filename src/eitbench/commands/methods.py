@@ -61,7 +61,11 @@ def tune(
         if choice.figure is None:
             why = next((f": {t.message}" for t in choice.trials if t.message), "")
             if not choice.trials:
-                why = f": its first one takes longer than {seconds:g} s, give more with --seconds"
+                typer.echo(
+                    f"{scenario}  {name}  nothing selected: the first trial takes longer than "
+                    f"{seconds:g} s; allow more with --seconds"
+                )
+                continue
             typer.echo(f"{scenario}  {name}  nothing selected, as no trial gave a figure{why}")
             continue
         selected = True

@@ -158,9 +158,10 @@ def test_a_method_that_fails_as_a_whole_costs_no_other(
     ("figures", "ended_by", "chosen_by"),
     [
         ([1.0, None, None], "space", "tuning"),  # others were given up
-        ([1.0, None, None], "seconds", "default"),
+        ([1.0, None, None], "seconds", "tuning"),
+        ([1.0], "seconds", "default"),
         ([None, 2.0, None], "seconds", "tuning"),  # the defaults fail
-        ([None, None], "space", "default"),
+        ([None, None], "space", "no figure"),
         ([1.0, 2.0], "seconds", "tuning"),
     ],
 )
@@ -179,7 +180,7 @@ def test_parameters_are_called_tuned_where_something_was_compared(
     monkeypatch.setattr(measure, "tune", lambda *_, **__: [("small", "noser", selection)])
     suite = load_suite("quick")
     found = measure.parameters_of(suite.scenarios[0], "noser", suite, TuningBudget(), tmp_path)
-    assert found == (best.parameters if chosen_by == "tuning" else {}, chosen_by)
+    assert found == ({} if chosen_by == "default" else best.parameters, chosen_by)
 
 
 @pytest.mark.slow
@@ -240,8 +241,7 @@ def test_parameters_on_record_come_first_then_trials_then_defaults(
     suite, _ = candidates_module.scenarios_of(tiny, 60.0)
     scenario, budget = suite.scenarios[0], TuningBudget(seconds=1.0)
     scored = Trial({"weight": 0.1}, -5.0)
-    unscored = Trial({"weight": 0.3}, None, "failed")
-    found = Selection({"weight": 0.1}, -5.0, (scored, unscored), budget, "seconds")
+    found = Selection({"weight": 0.1}, -5.0, (scored,), budget, "seconds")
     monkeypatch.setattr(measure, "tune", lambda *_, **__: iter([("touches", "noser", found)]))
 
     def chosen() -> tuple[dict[str, Any], str]:
