@@ -19,6 +19,8 @@ from eitbench.benchmark.workers import confinement
 from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.reports.tables import leaderboard
 from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.recordings import recorded_set
+from eitbench.scenarios.recordings.fetch import cached_folder
 from eitbench.scenarios.suites.suite import load_suite
 
 DATA = Path(__file__).parents[1] / "benchmark" / "data"
@@ -298,6 +300,46 @@ def test_an_isolated_plugin_has_no_network_and_reads_no_files_of_others(
     (row,) = pd.read_parquet(run / "methods.parquet").to_dict("records")
     assert (row["differs"], row["coverage"]) == ("secret+network", 1.0)
     assert json.loads(row["actions"])["read"] == [str(tmp_path / "secret")]
+
+
+LEARNS_FROM_PRESSES = """
+from eitbench.methods import methods, register
+
+@register("learns-from-presses")
+class LearnsFromPresses(methods()["noser"]):
+    def fit(self, problem):
+        super().fit(problem)
+        self.differs = f"{len(problem.validation(3))} presses"
+"""
+
+
+@pytest.mark.slow
+def test_an_isolated_method_learns_from_recordings_that_were_downloaded(
+    recorded_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, eitbench: Run
+) -> None:
+    """They lie in the cache where nobody set EITBENCH_DATA."""
+    try:
+        check_isolation()
+    except InputError as error:
+        pytest.skip(str(error))
+    monkeypatch.setenv("EITBENCH_CACHE", str(tmp_path / "cache"))
+    recorded = recorded_set("ohmc8")
+    for file in recorded.files:
+        to = cached_folder(recorded) / file.path
+        to.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(recorded_data / recorded.repository / file.path, to)
+    monkeypatch.delenv("EITBENCH_DATA")
+    plugin, suite, run = (tmp_path / name for name in ("plugin.py", "skin.toml", "run"))
+    plugin.write_text(LEARNS_FROM_PRESSES)
+    suite.write_text(
+        'name = "skin"\ntitle = "skin"\nmethods = ["noser"]\ndownload_limit_s = 0.001\nlimit = 2\n'
+        '[[scenarios]]\nkind = "recorded"\nname = "skin"\nrecording = "ohmc8"\n'
+    )
+    choices = (suite, "--plugin", plugin, "--methods", "learns-from-presses")
+    code, _, err = eitbench("run", *choices, "--isolate", "--out", run)
+    assert code == 0, err
+    (row,) = pd.read_parquet(run / "methods.parquet").to_dict("records")
+    assert (row["differs"], row["coverage"]) == ("3 presses", 1.0)
 
 
 def test_what_cannot_be_isolated_is_said(

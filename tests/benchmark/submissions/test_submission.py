@@ -676,6 +676,25 @@ def test_stated_figures_are_compared_frame_by_frame(exact: bool) -> None:
     assert _other_statement(elsewhere, ours, exact=False) == ""
 
 
+def test_a_frame_without_a_figure_hides_no_advantage_of_the_others() -> None:
+    """As the place of an untouched frame, which nobody has."""
+    rng = np.random.default_rng(0)
+    ours = pd.DataFrame({"crps": np.where(np.arange(32) > 0, rng.gamma(9.0, size=32), np.nan)})
+    assert _other_statement(ours.copy(), ours, exact=False) == ""
+    assert _other_statement(0.96 * ours, ours, exact=False) == "'crps'"
+    known = ours.assign(crps=ours["crps"].fillna(1.0))
+    assert _other_statement(known, ours, exact=True) == "'crps'"
+
+
+def test_scores_of_any_sign_may_be_rounded_otherwise() -> None:
+    rng = np.random.default_rng(0)
+    ours = pd.DataFrame({"novelty": rng.normal(size=64)})
+    ours.loc[0, "novelty"] = 1e-5
+    rounded = ours + 1e-3 * rng.normal(size=(64, 1))
+    assert _other_statement(rounded, ours, exact=False) == ""
+    assert _other_statement(ours + 0.05, ours, exact=False) == "'novelty'"
+
+
 @pytest.mark.parametrize("contrast", [4e-4, 0.02, 0.5])
 @pytest.mark.parametrize("share", [0.0, ROUNDING])
 def test_images_are_compared_on_their_own_scale(contrast: float, share: float) -> None:
