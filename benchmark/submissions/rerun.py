@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from eitbench.benchmark.analysis.results import NOTES_FILE, ROUNDED, describe_actions
 from eitbench.benchmark.checks.method_checks import SAME_FRAME
+from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.novelty import SCORES
 from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.run.cell import BatchRunner
@@ -39,6 +40,7 @@ from eitbench.benchmark.submissions.check import Check
 from eitbench.benchmark.submissions.submission import Submission
 from eitbench.benchmark.workers.confinement import check_isolation
 from eitbench.methods.registry import METHOD_REGISTRY
+from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.errors import DataCorruptError
 from eitbench.scenarios.storage.atomic_write import atomic_write_json
 from eitbench.scenarios.storage.files import sha256_of
@@ -230,37 +232,43 @@ def _other_statement(theirs: pd.DataFrame, ours: pd.DataFrame, *, exact: bool) -
     next, and single frames across a limit: there the mean has to agree, and most frames.
     """
     for name, spec in {**UNCERTAINTY, **SCORES}.items():
-        if spec.unit == "ms":
-            continue
         stated, found = (
             of[name].to_numpy(np.float64) if name in of else np.full(len(theirs), NAN)
             for of in (theirs, ours)
         )
-        relative = SAME_STATED if exact else STATED_APART
-        share = 0.0 if exact or "coverage" not in name else SHARES_APART
-        known = np.isfinite(found) & np.isfinite(stated)
-        # A score may have any sign, and an error be next to nothing: what others have counts, too.
-        typical = float(np.median(np.abs(found[known]))) if known.any() else 0.0
-        apart = np.abs(stated - found)[known]
-        size = np.maximum(np.abs(found[known]), typical)
-        near = apart <= relative * size + share
-        wild = apart > FRAME_APART * size + ("coverage" in name)
-        one_alone = np.count_nonzero(~known & ~((stated == found) | np.isnan(stated + found)))
-        one_alone += np.count_nonzero(np.isnan(stated) != np.isnan(found))
-        allowed = 0 if exact else max(1, int(FRAMES_APART * len(found)))
-
-        def differ(rows: NDArray[np.bool_], part: float) -> bool:
-            middle = np.median if spec.aggregate == "median" else np.mean  # noqa: B023
-            one, other = middle(stated[known][rows]), middle(found[known][rows])  # noqa: B023
-            return bool(abs(one - other) > part * (relative * max(abs(other), typical) + share))  # noqa: B023
-
-        # Small advantages of all frames add up, while rounding goes both ways; and of few frames
-        # that may be apart, one that is far off would change the figure of all.
-        off = near.any() and differ(near, MEANS_APART)
-        all_off = known.any() and differ(np.ones_like(near), 1.0)
-        if off or all_off or wild.any() or np.count_nonzero(~near) + one_alone > allowed:
+        if spec.unit != "ms" and _is_other(spec, stated, found, exact=exact):
             return repr(name)
     return ""
+
+
+def _is_other(spec: MetricSpec, stated: Array, found: Array, *, exact: bool) -> bool:
+    """True if one figure (n,) that is stated of n frames is not the one that is found here."""
+    is_share = "coverage" in spec.name
+    relative = SAME_STATED if exact else STATED_APART
+    share = SHARES_APART if is_share and not exact else 0.0
+    allowed = 0 if exact else max(1, int(FRAMES_APART * len(found)))
+    known = np.isfinite(found) & np.isfinite(stated)
+    alike = (stated == found) | (np.isnan(stated) & np.isnan(found))
+    others = np.count_nonzero(~known & ~alike)
+    stated, found = stated[known], found[known]
+    if not len(found):
+        return bool(others > allowed)
+    # A score may have any sign, and an error be next to nothing: what others have counts, too.
+    typical = np.median(np.abs(found))
+    apart, size = np.abs(stated - found), np.maximum(np.abs(found), typical)
+    near = apart <= relative * size + share
+    if (apart > FRAME_APART * size + is_share).any() or others + (~near).sum() > allowed:
+        return True
+    # Small advantages of all frames add up, while rounding goes both ways; and of few frames that
+    # may be apart, one that is far off would change the figure of all.
+    middle = np.median if spec.aggregate == "median" else np.mean
+    for rows, part in ((near, MEANS_APART), (np.ones_like(near), 1.0)):
+        if not rows.any():  # one frame alone, which may be apart
+            continue
+        one, other = middle(stated[rows]), middle(found[rows])
+        if abs(one - other) > part * (relative * max(abs(other), typical) + share):
+            return True
+    return False
 
 
 def _away(

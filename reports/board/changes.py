@@ -75,16 +75,16 @@ def changes(older: Path, newer: Path) -> Changes:
     same = [name for name in both if data[0][name]["hash"] == data[1][name]["hash"]]
     figures = [name for name in _figures(after) if name in before.samples]
     gone = [f"the scenario {name}" for name in before.scenarios() if name not in both]
-    for scenario in both:
-        there = [_by_method(run, scenario) for run in (before, after)]
-        gone += [f"{name} on {scenario}" for name in there[0] if name not in there[1]]
+    tables_of = {name: [_by_method(run, name) for run in (before, after)] for name in both}
+    for scenario, (old, new) in tables_of.items():
+        gone += [f"{name} on {scenario}" for name in old if name not in new]
     gone += [f"the figure {name}" for name in _figures(before) if name not in figures]
     sums = [_checksums_of(run) for run in (before, after)]
     differing: dict[str, list[str]] = {}
     taken = set[str]()
     alike: list[bool] = []
     for scenario in same:
-        tables = [_by_method(run, scenario) for run in (before, after)]
+        tables = tables_of[scenario]
         for method in tables[0].keys() & tables[1].keys():
             origins = [manifest.origin(run.manifest, method, scenario) for run in (before, after)]
             one, other = (rounded(table[method][figures].to_numpy(float)) for table in tables)
