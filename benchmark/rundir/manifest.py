@@ -37,6 +37,7 @@ PACKAGES = (
     "pyarrow",
     "netgen-mesher",
     "threadpoolctl",
+    "pyeit",
 )
 
 Manifest = dict[str, Any]
