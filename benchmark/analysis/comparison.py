@@ -27,6 +27,7 @@ from eitbench.benchmark.metrics.statistics import (
     signed_rank_of,
     student_t,
 )
+from eitbench.benchmark.metrics.uncertainty import UNCERTAINTY
 from eitbench.benchmark.rundir import manifest
 from eitbench.benchmark.rundir.few_bytes import with_short_hashes
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS, PINNED
@@ -47,6 +48,11 @@ ChangeVerdict = Literal[
 
 _NEEDED = ("scenario", "method", "sample", "cluster", "input_hash", "status")
 _NEEDED_OF_CELL = ("scenario", "method", "frame_ms_p50", "calibration_ms", "machine", "timed")
+
+COMPARED: Mapping[str, MetricSpec] = METRICS | {
+    name: spec for name, spec in UNCERTAINTY.items() if spec.best is not None and spec.unit != "ms"
+}
+"""Figures that can be compared, by name; those of stated uncertainty for which less is better."""
 
 NEGLIGIBLE = 1e-3
 """Share of the standard deviation between clusters: what the rounding of another machine's
@@ -187,10 +193,10 @@ def figure_called(name: str) -> str:
     Raises:
         InputError: there is none.
     """
-    for spec in METRICS.values():
+    for spec in COMPARED.values():
         if name.casefold() in {of.casefold() for of in (spec.name, spec.title, spec.heading)}:
             return spec.name
-    raise unknown_name("figure", name, METRICS)
+    raise unknown_name("figure", name, COMPARED)
 
 
 def compare(
@@ -238,7 +244,7 @@ def compare(
             if timed is not None and _was_busy(timed, fastest):
                 slower = timed.solve_ms / fastest[timed.machine]
                 busy.setdefault(of.path, []).append(slower)
-        for spec in [METRICS[name] for name in margins] or _ranking(cells[0]):
+        for spec in [COMPARED[name] for name in margins] or _ranking(cells[0]):
             figures = [figure_of(cell, spec) for cell in cells]
             if np.isfinite(figures).all():
                 change = _change(cells, figures, spec, margins.get(spec.name, 0.0))
@@ -259,7 +265,7 @@ def compare(
         for (scenario, one, several, what), names in gone.items()
     ]
     if not changes:
-        asked = ", ".join(METRICS[name].title for name in margins)
+        asked = ", ".join(COMPARED[name].title for name in margins)
         none = f"they share no scenario with {asked}." if asked else "one of them is empty."
         why = (*missing, *added, none)[0]
         raise InputError(f"{before.path} and {after.path} cannot be compared: {why}")
@@ -283,7 +289,7 @@ def _adjusted(changes: Sequence[Change]) -> list[Change]:
             beyond = any_change
         verdict = changes[k].verdict
         if any_change < SIGNIFICANT and verdict == "no difference found":
-            won = METRICS[changes[k].figure].sign * changes[k].difference > 0
+            won = COMPARED[changes[k].figure].sign * changes[k].difference > 0
             sure = beyond < SIGNIFICANT
             verdict = "better" if won else "worse" if sure else "within the margin"
         found[k] = replace(changes[k], p=any_change, p_margin=beyond, verdict=verdict)

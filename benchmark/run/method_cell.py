@@ -107,10 +107,8 @@ class MethodData(CellData):
     ) -> Self:
         """See `CellData.load`."""
         familiar = suite.familiar(scenario)
-        for needed in (scenario, familiar):
-            if isinstance(needed, RecordedScenario):
-                limit_s = suite.download_limit_s
-                fetch_recording(needed.recorded_set, limit_s=limit_s, progress=progress)
+        for recording in suite.recordings(scenario):
+            fetch_recording(recording, limit_s=suite.download_limit_s, progress=progress)
         test = load(scenario, split="test", limit=limit, jobs=jobs, progress=progress)
         first = test if familiar == scenario else load(familiar, split="test", limit=1)
         reference, usual = first.references[0], None
@@ -346,8 +344,12 @@ class MethodCellTask(FrameTask):
             wrong = np.where(wrong == "", not_finite(known, "a novelty that is"), wrong)
         if "uncertainty" in said:
             draws, placed = self._draws(images, said["uncertainty"])
-            known = np.asarray(np.isfinite(draws).all(axis=(1, 2, 3)))
-            wrong = np.where(wrong == "", not_finite(known, "an uncertainty that is"), wrong)
+            largest = np.maximum(draws.max(axis=(1, 2, 3)), -draws.min(axis=(1, 2, 3)))
+            known = np.isfinite(largest)
+            said_wrong = not_finite(known, "an uncertainty that is negative or")
+            wrong = np.where(wrong == "", said_wrong, wrong)
+            far = f"returned an uncertainty of values beyond {most:g} S/m"
+            wrong = np.where((wrong == "") & (largest > most), far, wrong)
             good = wrong == ""
             draws[~good] = images[~good] = sensor.background
             found |= kept_of_draws(self._true_images(rows), draws, images, sensor, placed=placed)

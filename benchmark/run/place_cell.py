@@ -30,7 +30,6 @@ from eitbench.methods.registry import place_methods
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.data.transfer import TransferData, load_transfer
 from eitbench.scenarios.errors import InputError
-from eitbench.scenarios.recordings import recorded_set
 from eitbench.scenarios.recordings.fetch import fetch_recording
 from eitbench.scenarios.similarity import Similarity, fit_similarity
 from eitbench.scenarios.suites.scenario import Scenario, TransferScenario
@@ -56,8 +55,8 @@ class PlaceData(CellData):
         """See `CellData.load`."""
         if not isinstance(scenario, TransferScenario):
             raise InputError(f"Scenario {scenario.name!r} is not of the kind 'transfer'.")
-        for name in (scenario.recording, *scenario.others):
-            fetch_recording(recorded_set(name), limit_s=suite.download_limit_s, progress=progress)
+        for recording in suite.recordings(scenario):
+            fetch_recording(recording, limit_s=suite.download_limit_s, progress=progress)
         transfer = load_transfer(scenario, limit)
         return cls(scenario, transfer.test, transfer)
 

@@ -249,10 +249,17 @@ def check_own(run: Path, manifest: Manifest, instead: str) -> None:
         raise InputError(f"{run} is a record or a submission, which stays as it is: {instead}.")
 
 
+_REASONS = {
+    "missing": "it is missing",
+    "extra_forbidden": "nothing of this name belongs here",
+    "model_type": "it is no object in braces",
+}
+
+
 def first_problem(error: ValidationError) -> tuple[str, str]:
     """Place and reason of the first problem."""
     first = error.errors(include_url=False)[0]
-    reason = "it is missing" if first["type"] == "missing" else first["msg"]
+    reason = _REASONS.get(first["type"], first["msg"])
     return ".".join(map(str, first["loc"])), reason.removeprefix("Value error, ")
 
 

@@ -18,6 +18,7 @@ from eitbench.benchmark.submissions.figure_checks import (
     notes_are_ours,
     registrations_are_ours,
     scores_are_ours,
+    statements_are_whole,
 )
 from eitbench.benchmark.submissions.run_checks import (
     files_hold_nothing_else,
@@ -97,6 +98,7 @@ CHECKS: dict[str, Callable[[Submission], str]] = {
     "frames, truth and geometry are ours": frames_are_ours,
     "registrations and load calibrations are those of the stored images": registrations_are_ours,
     "figures are those of the stored images": scores_are_ours,
+    "stated uncertainty and novelty are of all frames": statements_are_whole,
     "curves of stated uncertainty follow from its figures": curves_follow,
     "failures are reported": failures_are_reported,
     "notes on recordings are ours": notes_are_ours,

@@ -45,6 +45,9 @@ ADDED_BY_REPORTS = {
 
 COVERAGES = tuple(f"coverage_{level}" for level in LEVELS)
 
+STATED_OF_ALL = ("crps", "sharpness", "ause")
+"""Of a method that states an uncertainty: runs charge these of frames without an image, too."""
+
 CURVES_APART = 1e-5
 """Difference of shares and errors [S/m] that the rounding of stored curves may cause."""
 
@@ -168,6 +171,29 @@ def scores_are_ours(of: Submission) -> str:
     return ""
 
 
+def statements_are_whole(of: Submission) -> str:
+    """An uncertainty or a novelty that some frames of a scenario have, and others lack."""
+    for (scenario, method), rows in cells_of(of.run.samples).items():
+        known = {
+            name: np.isfinite(rows[name]) if name in rows else np.zeros(len(rows), bool)
+            for name in (*STATED_OF_ALL, "novelty")
+        }
+        scored = of.data[scenario].test.conductivity is not None
+        asked: dict[str, Any] = {}
+        if any(known[name].any() for name in STATED_OF_ALL):
+            asked |= dict.fromkeys(STATED_OF_ALL if scored else ("sharpness",), True)
+        if known["novelty"].any():
+            asked["novelty"] = rows["status"] == "ok"
+        for name, frames in asked.items():
+            if (known[name] != frames).any():
+                title = UNCERTAINTY[name].title if name in UNCERTAINTY else "stated novelty"
+                return (
+                    f"Some frames of {scenario!r} have no finite {title} of {method!r}, which "
+                    "every run writes: run it again."
+                )
+    return ""
+
+
 def curves_follow(of: Submission) -> str:
     """Curves of stated uncertainty that the figures of its frames, or mathematics, contradict."""
     for (scenario, method), rows in cells_of(of.run.samples).items():
@@ -175,7 +201,10 @@ def curves_follow(of: Submission) -> str:
         for name, spec in UNCERTAINTY.items():
             highest = 1.0 + CURVES_APART if "coverage" in name else np.inf  # sums are rounded
             values = rows[name].dropna() if name in rows else pd.Series(dtype=float)
-            if spec.unit != "ms" and not values.between(-CURVES_APART, highest).all():
+            # The radius is infinite where no draw has a contact.
+            possible = np.isfinite(values) | (name == "place_radius_mm")
+            possible &= values.between(-CURVES_APART, highest)
+            if spec.unit != "ms" and not possible.all():
                 return f"The {spec.title} of {method!r} on {scenario!r} has values that cannot be."
         stated = [rows[name].mean() if name in rows else np.nan for name in COVERAGES]
         if curves is None:
@@ -203,7 +232,7 @@ def leaderboard_follows(of: Submission) -> str:
         stored = json.loads(read_json_file(run.path / LEADERBOARD).decode())
         rows = {(row["scenario"], row["method"]): row for row in stored}
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        return f"{LEADERBOARD} cannot be read ({type(error).__name__})."
+        return f"{LEADERBOARD} cannot be read as a list of rows ({type(error).__name__})."
     found = [(row, standing) for standing in standings([run]) for row in standing.rows]
     if len(stored) != len(found):
         return f"{LEADERBOARD} has {len(stored)} rows, and the samples give {len(found)}."

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -32,9 +34,45 @@ def _address(text: str) -> str:
     return text
 
 
+def _of_form(pattern: str, form: str) -> Callable[[str], str]:
+    """A validator of texts that are empty or match the whole `pattern`, `form` in words."""
+
+    def check(text: str) -> str:
+        if text and not re.fullmatch(pattern, text):
+            raise ValueError(f"it has to be {form}")
+        return text
+
+    return check
+
+
 _Line = Annotated[str, StringConstraints(max_length=200), AfterValidator(_visible)]
 _Text = Annotated[str, StringConstraints(max_length=2000), AfterValidator(_visible)]
 _Address = Annotated[_Line, AfterValidator(_address)]
+_Code = Annotated[
+    _Address,
+    AfterValidator(
+        _of_form(r"https://\S+", "an address that begins with https://, without spaces")
+    ),
+]
+_Commit = Annotated[
+    str,
+    AfterValidator(
+        _of_form(
+            r"[0-9a-f]{40}([0-9a-f]{24})?",
+            "a git commit of 40 or 64 hex digits, or empty beside a 'container'",
+        )
+    ),
+]
+_Container = Annotated[
+    str,
+    StringConstraints(max_length=300),
+    AfterValidator(
+        _of_form(
+            r"[a-z0-9./:_-]+@sha256:[0-9a-f]{64}",
+            "an image by its digest (NAME@sha256:DIGEST), or empty beside a 'commit'",
+        )
+    ),
+]
 
 
 class Statement(Declaration):
@@ -56,11 +94,9 @@ class Statement(Declaration):
     name: _Line = ""
     authors: Annotated[tuple[_Line, ...], Field(max_length=50)] = ()
     contact: _Address = ""
-    code: Annotated[_Address, StringConstraints(pattern=r"^(https://\S+)?\z")] = ""
-    commit: Annotated[str, StringConstraints(pattern=r"^([0-9a-f]{40}([0-9a-f]{24})?)?\z")] = ""
-    container: Annotated[
-        str, StringConstraints(max_length=300, pattern=r"^([a-z0-9./:_-]+@sha256:[0-9a-f]{64})?\z")
-    ] = ""
+    code: _Code = ""
+    commit: _Commit = ""
+    container: _Container = ""
     licence: _Line = ""
     training_data: _Text = ""
     test_split_seen: bool | None = None
@@ -77,7 +113,7 @@ def read_statement(folder: Path) -> Statement:
         return Statement.model_validate_json(read_json_file(path), strict=True)
     except ValidationError as error:
         where, reason = first_problem(error)
-        raise DataCorruptError(f"{path}: {where or 'it'}: {reason}.") from error
+        raise DataCorruptError(f"{path}: {where or 'all of it'}: {reason}.") from error
     except (OSError, ValueError, RecursionError) as error:
         raise DataCorruptError(f"{path} cannot be read ({type(error).__name__}).") from error
 

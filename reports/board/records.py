@@ -323,22 +323,22 @@ def cost(
     """
     found = list(records.glob(f"2*/{suite}/{manifest.FILE_NAME}"))
     if not found:
-        return f"What {suite!r} costs is not known: no version has a record of it."
+        return f"The cost of {suite!r} is not known: no version has a record of it."
     newest = max(found, key=lambda path: version_key(path.parents[1].name))
     run = read_run(newest.parent)
     size = sum(path.stat().st_size for path in run.path.iterdir()) / 1e6
     if scenarios:
         samples, cells = (of[of["scenario"].isin(scenarios)] for of in (run.samples, run.cells))
         run = replace(run, samples=samples, cells=cells)
-    what = ", ".join(names) or f"The {run.kind.name}s"
+    what = ", ".join(names) or f"all {run.kind.name}s"
     on = f"{suite!r} ({', '.join(scenarios)})" if scenarios else repr(suite)
     spent = spent_s(run).reindex(list(names) or run.cells[run.kind.name].unique()).dropna()
     if spent.empty:
-        return f"What {what} costs on {on} is not known: no version has it."
+        return f"The cost of {what} on {on} is not known: no version has it."
     slowest = spent.idxmax()
     frames = pd.Series({name: run.n(name) for name in run.scenarios()}).sum()
     return (
-        f"{what} of {on} took {spent.sum() / 60:.1f} "
+        f"On {on}, {what} took {spent.sum() / 60:.1f} "
         f"minutes on one core for at most {frames:,} frames each in version "
         f"{newest.parents[1].name}, data and scoring not counted, most of it {slowest!r}; its "
         f"record has {size:.1f} MB. With one job, "

@@ -15,7 +15,12 @@ from scipy.ndimage import binary_erosion
 from eitbench.scenarios.catalogue import is_file, sensor, sensors
 from eitbench.scenarios.declaration import Declaration, Name, field_error, read_declaration
 from eitbench.scenarios.errors import InputError, unknown_name
-from eitbench.scenarios.recordings import RECORDED_SETS, is_recording, recorded_set
+from eitbench.scenarios.recordings import (
+    RECORDED_SETS,
+    RecordedSet,
+    is_recording,
+    recorded_set,
+)
 from eitbench.scenarios.suites.scenario import (
     RecordedScenario,
     Scenario,
@@ -112,6 +117,16 @@ class Suite(Declaration):
         if isinstance(scenario, TransferScenario) or not scenario.familiar:
             return scenario
         return next(known for known in self.scenarios if known.name == scenario.familiar)
+
+    def recordings(self, scenario: Scenario) -> tuple[RecordedSet, ...]:
+        """The recorded sets that a run of one of its scenarios reads; none where all is simulated.
+
+        (A set may name a further one for validation, which is fetched with it.)
+        """
+        if isinstance(scenario, TransferScenario):
+            return tuple(map(recorded_set, (scenario.recording, *scenario.others)))
+        both = (scenario, self.familiar(scenario))
+        return tuple(of.recorded_set for of in both if isinstance(of, RecordedScenario))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from eitbench.benchmark.rundir import manifest
 from eitbench.cli import app
 from eitbench.commands.board import VERSION, _check_remade
 from eitbench.scenarios import extras
-from eitbench.scenarios.errors import InputError
+from eitbench.scenarios.errors import DataUnavailableError, InputError
 from eitbench.scenarios.suites import suite as suites
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 from eitbench.scenarios.suites.suite import Suite
@@ -37,7 +37,7 @@ def test_a_suite_is_run_and_recorded_and_its_cost_is_known_from_then_on(
     monkeypatch.setattr(suites, "load_suite", lambda name: SUITE)
     result = CliRunner().invoke(app, board(tmp_path, "quick"), catch_exceptions=False)
     assert result.exit_code == 0
-    assert "What 'quick' costs is not known" in result.output
+    assert "The cost of 'quick' is not known" in result.output
     assert (tmp_path / "board" / VERSION / "quick" / "samples.parquet").is_file()
     with pytest.raises(InputError, match="never edited: give a new --version"):
         CliRunner().invoke(app, board(tmp_path, "quick"), catch_exceptions=False)
@@ -101,6 +101,27 @@ def test_what_is_in_the_way_is_named_before_anything_runs(tmp_path: Path) -> Non
     (tmp_path / "runs" / "quick" / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match="holds something that is no run"):
         CliRunner().invoke(app, board(tmp_path, "quick"), catch_exceptions=False)
+    (tmp_path / "file").write_text("mine")
+    to_file = ["board", "quick", "--runs", str(tmp_path / "file"), "--records", str(tmp_path)]
+    with pytest.raises(InputError, match="file is a file: name a folder for --runs"):
+        CliRunner().invoke(app, to_file, catch_exceptions=False)
+
+
+@pytest.mark.parametrize("what", ["method", "scenario"])
+def test_what_the_suite_does_not_have_is_named_before_any_cost(tmp_path: Path, what: str) -> None:
+    result = CliRunner().invoke(app, board(tmp_path, "quick", f"--{what}s", "nope"))
+    assert isinstance(result.exception, InputError)
+    assert str(result.exception).startswith(f"Unknown {what} of suite 'quick': 'nope'")
+    assert result.output == ""
+
+
+def test_a_recording_that_cannot_be_had_ends_it_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EITBENCH_DATA", str(tmp_path / "none"))
+    with pytest.raises(DataUnavailableError, match="ohmc16"):
+        CliRunner().invoke(app, board(tmp_path, "quick"), catch_exceptions=False)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_unknown_suite_is_named(tmp_path: Path) -> None:

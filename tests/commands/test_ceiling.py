@@ -78,3 +78,9 @@ def test_a_file_in_the_place_of_the_folder_is_named(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["ceiling", str(suite), "--out", str(out)])
     assert isinstance(result.exception, InputError)
     assert "out is a file: name a folder with --out" in str(result.exception)
+    out.unlink()
+    out.mkdir()
+    (out / "notes.txt").write_text("mine")
+    result = CliRunner().invoke(app, ["ceiling", str(suite), "--out", str(out)])
+    assert "out holds other things than draws: name another folder" in str(result.exception)
+    assert [path.name for path in out.iterdir()] == ["notes.txt"]

@@ -203,6 +203,9 @@ def test_runs_are_compared_gated_and_scored_again(
     baseline = other / "samples.parquet"
     code, out, _ = eitbench("gate", one, "--baseline", baseline)
     assert (code, out.splitlines()[-1].split(":")[0]) == (0, "Gate passed")
+    code, out, _ = eitbench("gate", one, "--baseline", baseline, "--margin", "CRPS=0")
+    assert code == 0
+    assert "CRPS" in out
 
     table = pd.read_parquet(baseline)
     table.assign(score=table["score"] + 1).to_parquet(baseline)

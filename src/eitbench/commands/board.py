@@ -1,10 +1,14 @@
 """The command that makes the records of the leaderboard."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from eitbench.benchmark.rundir.plan import Plan
 
 app = typer.Typer()
 
@@ -51,6 +55,7 @@ def board(
     from eitbench.reports.board.changes import REASONS, changes, in_words, last_before, reasons
     from eitbench.reports.board.records import calm_ms, check_new, cost, write_record
     from eitbench.scenarios.errors import InputError, unknown_name
+    from eitbench.scenarios.recordings.fetch import fetch_recording
     from eitbench.scenarios.suites.suite import load_suite, suites
 
     if suite not in suites():
@@ -59,15 +64,13 @@ def board(
         raise InputError(f"There is no {RECORDS} here: run it in a checkout, or name --records.")
     declared, out, run = load_suite(suite), records / version / suite, runs / suite
     asked, on = names_in("--methods", methods), names_in("--scenarios", scenarios)
-    typer.echo(cost(suite, records, asked, on))
-    check_new(out)
-    older = last_before(out)
     every = [scenario.name for scenario in declared.scenarios]
     for what, chosen, known in (("method", asked, declared.names), ("scenario", on, every)):
         for name in chosen:
             if name not in known:
                 raise unknown_name(f"{what} of suite {suite!r}:", name, known)
-    part = bool(asked or on)
+    check_new(out)
+    older, part = last_before(out), bool(asked or on)
     if part and older is None:
         raise InputError(
             f"No version before {version} has a record of {suite!r} to take the other rows from: "
@@ -81,29 +84,18 @@ def board(
         scenarios=on,
     )
     _check_remade(plan.names)
-    progress = RunProgress()
-    if (run / manifest.FILE_NAME).is_file():
-        content = manifest.read(run)
-        held = content["plan"]
-        named, ran = held["names"], held["scenarios"]
-        if (held["suite"]["name"], {*named}, {*ran}) != (suite, {*plan.names}, {*plan.scenarios}):
-            raise InputError(
-                f"{run} holds a run of {', '.join(named)} on {', '.join(ran)}: name another folder "
-                "for --runs."
-            )
-        code = manifest.git_commit()
-        if other := [commit for commit in manifest.commits(content) if commit != code]:
-            raise InputError(
-                f"{run} holds a run by commit {other[0]}, and the code is that of {code}: go on "
-                "with that commit, or name another folder for --runs."
-            )
-        result = resume_run(
-            run, suite=declared, jobs=jobs, calm_ms=calm_ms(records), progress=progress
-        )
+    if held := (run / manifest.FILE_NAME).is_file():
+        _check_continues(run, suite, plan)
     elif run.exists() and not (run.is_dir() and unused(run)):
         raise InputError(f"{run} holds something that is no run: name another folder for --runs.")
-    else:
-        result = start_run(plan, run, jobs=jobs, calm_ms=calm_ms(records), progress=progress)
+    elif runs.exists() and not runs.is_dir():
+        raise InputError(f"{runs} is a file: name a folder for --runs.")
+    for scenario in declared.scenarios:
+        for recording in declared.recordings(scenario) if scenario.name in plan.scenarios else ():
+            fetch_recording(recording, limit_s=declared.download_limit_s)
+    typer.echo(cost(suite, records, asked, on))
+    go = partial(resume_run, run, suite=declared) if held else partial(start_run, plan, run)
+    result = go(jobs=jobs, calm_ms=calm_ms(records), progress=RunProgress())
     for sentence in (*result.skipped, *result.refused):
         warn(sentence)
     typer.echo(f"Record: {write_record(result.path, out, older if part else None)}")
@@ -116,6 +108,31 @@ def board(
                 f"Say in {out.parent / REASONS} why {min(unsaid)!r} changed or is gone: tests ask "
                 "for it."
             )
+
+
+def _check_continues(run: Path, suite: str, plan: "Plan") -> None:
+    """Check that the run in a folder is of this plan, and was begun by this code.
+
+    Raises:
+        InputError: it is not.
+    """
+    from eitbench.benchmark.rundir import manifest
+    from eitbench.scenarios.errors import InputError
+
+    content = manifest.read(run)
+    held = content["plan"]
+    named, ran = held["names"], held["scenarios"]
+    if (held["suite"]["name"], {*named}, {*ran}) != (suite, {*plan.names}, {*plan.scenarios}):
+        raise InputError(
+            f"{run} holds a run of {', '.join(named)} on {', '.join(ran)}: name another folder "
+            "for --runs."
+        )
+    code = manifest.git_commit()
+    if other := [commit for commit in manifest.commits(content) if commit != code]:
+        raise InputError(
+            f"{run} holds a run by commit {other[0]}, and the code is that of {code}: go on "
+            "with that commit, or name another folder for --runs."
+        )
 
 
 def _check_remade(names: Sequence[str]) -> None:

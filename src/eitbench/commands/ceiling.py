@@ -57,12 +57,16 @@ def ceiling(
     """
     from eitbench.benchmark.ceiling.drawing import draw_posteriors, known_of
     from eitbench.benchmark.ceiling.figures import summary, write_record
+    from eitbench.benchmark.rundir.store import unused
     from eitbench.commands.tables import names_table
     from eitbench.scenarios.errors import InputError, unknown_name
     from eitbench.scenarios.suites.suite import load_suite
 
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file: name a folder with --out.")
+    draws = out / "draws"
+    if out.is_dir() and not (draws.is_dir() or unused(out)):
+        raise InputError(f"{out} holds other things than draws: name another folder for --out.")
     found, chosen = load_suite(suite), names_in("--scenarios", scenarios)
     declared = {scenario.name: scenario for scenario in found.scenarios}
     if unknown := [name for name in chosen if name not in declared]:
@@ -74,7 +78,6 @@ def ceiling(
             raise refused[0]
         if refused:
             warn(f"{len(refused)} of {len(declared)} scenarios are left out. {refused[0]}")
-    draws = out / "draws"
     draw_posteriors(which, draws, samples, record=record, jobs=jobs, progress=not as_json)
     frames = write_record(draws, found.name, which, samples, out, record=record)
     rows = summary(frames).to_dict("records")

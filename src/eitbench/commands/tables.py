@@ -78,8 +78,8 @@ def changes_table(comparison: "RunComparison") -> "Table":
     from rich.table import Table
     from rich.text import Text
 
-    from eitbench.benchmark.metrics.specs import METRICS
-    from eitbench.reports.tables.columns import METHOD_LAYOUT, p_text, printable
+    from eitbench.benchmark.analysis.comparison import COMPARED
+    from eitbench.reports.tables.columns import METHOD_LAYOUT, Column, p_text, printable
 
     forms = {column.name: column for column in METHOD_LAYOUT.columns}
     shown = Table("Scenario", "Method", "Figure", box=box.SIMPLE_HEAD)
@@ -87,11 +87,12 @@ def changes_table(comparison: "RunComparison") -> "Table":
         shown.add_column(heading, justify="right", no_wrap=True)
     shown.add_column("Verdict")
     for change in comparison.changes:
-        number = forms[change.figure].number
+        spec = COMPARED[change.figure]
+        number = forms.get(spec.name, Column(spec.name, spec.heading, spec.form)).number
         shown.add_row(
             Text(printable(change.scenario)),
             Text(printable(change.method)),
-            Text(METRICS[change.figure].heading),
+            Text(spec.heading),
             str(change.n),
             number(change.before),
             number(change.after),

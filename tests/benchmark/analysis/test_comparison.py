@@ -148,6 +148,21 @@ def test_a_figure_that_some_draws_lack_is_not_tested() -> None:
     assert change.difference != 0
 
 
+def test_stated_uncertainty_is_compared_where_it_is_asked_for() -> None:
+    """By CRPS, of which less is better; more coverage is neither better nor worse."""
+    old, new = before_and_after()
+    parts = [
+        Results(of.path, of.samples.assign(crps=-0.01 * of.samples["score"]), {}, {})
+        for of in (old, new)
+    ]
+    found = by_method(compare(parts[0], parts[1], {"CRPS": 0.0}).changes)
+    assert {change.figure for change in found.values()} == {"crps"}
+    assert found["better"].verdict == "better"
+    assert found["worse"].verdict == "worse"
+    with pytest.raises(InputError, match="coverage_95"):
+        figure_called("coverage_95")
+
+
 @pytest.mark.parametrize("name", ["psnr", "PSNR", "PSNR [dB]"])
 def test_figures_are_called_as_in_tables(name: str) -> None:
     assert figure_called(name) == "psnr"

@@ -63,6 +63,18 @@ class Wild(Sound):
         return np.full((len(voltages), *self.problem.mask.shape), np.inf)
 
 
+@register("negative")
+class Negative(Sound):
+    def uncertainty(self, voltages):
+        return np.full((len(voltages), *self.problem.mask.shape), -1.0)
+
+
+@register("far")
+class Far(Sound):
+    def uncertainty(self, voltages):
+        return np.full((len(voltages), *self.problem.mask.shape), 1e30)
+
+
 @register("refuses")
 class Refuses(Sound):
     def uncertainty(self, voltages):
@@ -89,7 +101,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     plugin = folder / "states.py"
     sums = np.abs(load(SCENARIO, "test").voltages).sum(axis=1)
     plugin.write_text(STATES.replace("{most}", repr(float(np.median(sums)))))
-    names = ("noser", "greit", "deviates", "fails", "wild", "refuses", "silent")
+    names = ("noser", "greit", "deviates", "fails", "wild", "negative", "far", "refuses", "silent")
     suite = Suite(name="n", title="N", methods=names, scenarios=(SCENARIO,))
     plan = make_plan(suite, plugins=[plugin])
     return read_run(start_run(plan, folder / "run").path)
@@ -195,7 +207,9 @@ def test_methods_are_tied_unless_paired_differences_tell_them_apart(run: Run) ->
 def test_an_uncertainty_that_fails_costs_the_frame(run: Run) -> None:
     for name, status, message in (
         ("fails", "error", "OSError: no idea"),
-        ("wild", "invalid-output", "returned an uncertainty that is not finite"),
+        ("wild", "invalid-output", "returned an uncertainty that is negative or not finite"),
+        ("negative", "invalid-output", "returned an uncertainty that is negative or not finite"),
+        ("far", "invalid-output", "returned an uncertainty of values beyond 1000 S/m"),
     ):
         rows = run.cell("n", name)
         assert set(rows["status"]) == {status}

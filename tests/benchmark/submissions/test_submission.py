@@ -170,6 +170,7 @@ FRAMES = "frames, truth and geometry are ours"
 FIGURES = "figures are those of the stored images"
 FAILURES = "failures are reported"
 CURVES = "curves of stated uncertainty follow from its figures"
+WHOLE = "stated uncertainty and novelty are of all frames"
 BOARD = "the leaderboard follows from the figures"
 TRACKS = "tracks are ranked"
 RELEASE = "it names its version of eitbench"
@@ -304,6 +305,10 @@ def copy_the_truth(run: Path, method: str = "my-noser") -> None:
         ),
         (set_in_a_row("crps", -10.0), CURVES, "has values that cannot be"),
         (set_in_a_row("coverage_95", 1.5), CURVES, "has values that cannot be"),
+        (set_in_a_row("error_over_spread", np.inf), CURVES, "has values that cannot be"),
+        (set_in_a_row("crps", np.inf), WHOLE, "no finite CRPS of 'my-noser'"),
+        (set_in_a_row("crps", np.nan), WHOLE, "no finite CRPS of 'my-noser'"),
+        (set_in_a_row("sharpness", np.nan), WHOLE, "no finite Sharpness of 'my-noser'"),
         (set_in_curves(lambda c: c["ranks"].insert(0, c["ranks"].pop())), CURVES, "do not follow"),
         (set_in_curves(lambda c: c["sparsified"].reverse()), CURVES, "do not follow"),
         (set_in_cells("uncertainty", ""), CURVES, "are missing"),

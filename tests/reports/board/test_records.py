@@ -356,8 +356,10 @@ def test_the_description_of_a_frame_takes_space_once(tmp_path: Path) -> None:
 def test_the_cost_of_a_suite_is_that_of_its_last_record(record: Path) -> None:
     board = record.parents[1]
     assert "not known" in cost("other", board)
-    assert "costs on 'mine' (other) is not known" in cost("mine", board, [], ["other"])
-    assert f"of 'mine' ({SUITE.scenarios[0].name}) took" in cost(
+    assert "cost of all methods on 'mine' (other) is not known" in cost(
+        "mine", board, [], ["other"]
+    )
+    assert f"On 'mine' ({SUITE.scenarios[0].name}), all methods took" in cost(
         "mine", board, [], [SUITE.scenarios[0].name]
     )
     said = cost("mine", board)

@@ -225,8 +225,8 @@ def test_what_check_refuses_is_not_made_and_for_the_same_reason(run: Path, tmp_p
         ({"test_split_seen": True}, "test data were learned from"),
         ({"code": "javascript:alert(1)"}, "code: "),
         ({"code": "https://a b"}, "code: "),
-        ({"commit": "main"}, "commit: "),
-        ({"container": "ghcr.io/me/mine:latest"}, "container: "),
+        ({"commit": "main"}, "commit: it has to be a git commit of 40 or 64 hex digits"),
+        ({"container": "ghcr.io/me/mine:latest"}, "container: it has to be an image by its digest"),
         ({"name": "\x1b[2J"}, "name: it holds the invisible character U+001B, leave it out."),
         ({"name": "\u202egpj.exe"}, "name: it holds the invisible character U+202E, leave it out."),
         ({"authors": ["A", "B\u200b"]}, "authors.1: it holds the invisible character U+200B"),
@@ -239,7 +239,7 @@ def test_what_check_refuses_is_not_made_and_for_the_same_reason(run: Path, tmp_p
         ({"name": "x" * 201}, "name: "),
         ({"authors": ["x"] * 51}, "authors: "),
         ({"test_split_seen": "no"}, "test_split_seen: "),
-        ({"tier": "reproduced"}, "tier: "),
+        ({"tier": "reproduced"}, "tier: nothing of this name belongs here."),
     ],
 )
 def test_its_author_says_what_is_asked_and_nothing_else(
