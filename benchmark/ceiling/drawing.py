@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +18,8 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from eitbench.benchmark.ceiling.models import PhantomModels
+from eitbench.benchmark.ceiling.agreement import greatest_rhat, traces
+from eitbench.benchmark.ceiling.models import PhantomModels, images
 from eitbench.benchmark.ceiling.moves import PROPOSALS, Proposals
 from eitbench.benchmark.ceiling.prior import FamilyPrior
 from eitbench.benchmark.ceiling.record import recorded_frames
@@ -28,6 +30,7 @@ from eitbench.benchmark.ceiling.sampler import (
     Draws,
     Sampler,
     library,
+    merged,
 )
 from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.data.simulation import with_bar
@@ -39,18 +42,19 @@ from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 from eitbench.scenarios.suites.scenario import TOUCHES, Scenario, SimulatedScenario
 
-VERSION, KEPT_RHAT = 4, 1.05
-"""The first is raised by one whenever a frame gives other draws than before. Recorded frames by
-earlier versions stay where their weights are exact and R-hat is below the second: as far as a
-frame's own checks can tell, such draws are right. (A family or mode that both samplers lost is
+VERSION, KEPT_RHAT, RUNS = 5, 1.05, 4
+"""The first is raised by one whenever a frame gives other draws than before. Draws are kept where
+their weights are exact and R-hat is below the second: as far as a frame's own checks can tell, they
+are right, and recorded ones by earlier versions stay. (A family or mode that both samplers lost is
 not seen. That samplers agree selects frames whose errors by chance are alike, so that the product
-of the errors is a little too large.)"""
+of the errors is a little too large.) Where they are not, both samplers run again, so often in all
+at most, and the draws of their runs are merged."""
 CLEAN_DB, MOST_DB = 70.0, 80.0
 """SNR of the frames that stand for those without noise, whose posterior has no width, and the
 greatest one."""
 SEEDS = (
-    'first particles: generator("ceiling", "library", session, proposals); steps: '
-    'generator("ceiling", scenario, sample, proposals); ranks and images of figures: '
+    'first particles: generator("ceiling", "library", session, proposals, run); steps: '
+    'generator("ceiling", scenario, sample, proposals, run); ranks and images of figures: '
     'generator("ceiling", "ties" or "draws", scenario, sample)'
 )
 """Where random numbers come from, see `scenarios.seeds`."""
@@ -204,7 +208,8 @@ def _path(folder: Path, scenario: str, sample: int) -> Path:
 
 
 def _metadata(input_hash: str) -> dict[str, str]:
-    about = {"frame": input_hash, "version": VERSION, "particles": PARTICLES, "library": LIBRARY}
+    about = {"frame": input_hash, "version": VERSION, "runs": RUNS}
+    about |= {"particles": PARTICLES, "library": LIBRARY}
     return {name: str(value) for name, value in about.items()}
 
 
@@ -228,29 +233,43 @@ def _draw(scenario: SimulatedScenario, frames: list[_Frame], session: int) -> No
     """Draw from the posteriors of frames of one unit; runs in a worker process."""
     exact = scenario.data_model("test", session)
     assert isinstance(exact, ForwardModel)
-    priors = priors_of(scenario)
+    models = PhantomModels(priors_of(scenario), exact)
+
+    @cache
+    def sampler(name: Proposals, run: int) -> Sampler:
+        begin = library(models, generator("ceiling", "library", session, name, run))
+        return Sampler(models, begin, name)
+
     with threadpool_limits(1):
-        models = PhantomModels(priors, exact)
-        samplers = {
-            name: Sampler(
-                models,
-                library(models, generator("ceiling", "library", session, name)),
-                name,
-            )
-            for name in PROPOSALS
-        }
         for frame in frames:
             seen = models.frame(frame.voltages, frame.snr_db)
+            runs: dict[Proposals, list[Draws]] = {name: [] for name in PROPOSALS}
+            for run in range(RUNS):
+                for name, draws in runs.items():
+                    rng = generator("ceiling", frame.scenario, frame.sample, name, run)
+                    draws.append(sampler(name, run).draws(seen, rng))
+                found = {name: merged(draws) for name, draws in runs.items()}
+                if _agree(list(found.values()), models):
+                    break
             arrays = {
                 f"{name}-{field}": _compact(np.asarray(values))
-                for name, sampler in samplers.items()
-                for field, values in sampler.draws(
-                    seen, generator("ceiling", frame.scenario, frame.sample, name)
-                )
-                ._asdict()
-                .items()
+                for name, draws in found.items()
+                for field, values in draws._asdict().items()
             }
             write_arrays(frame.path, arrays, _metadata(frame.input_hash))
+
+
+def _agree(drawn: Sequence[Draws], models: PhantomModels) -> bool:
+    """Whether draws of several samplers are exact and alike, see `KEPT_RHAT`."""
+    if min(draws.effective for draws in drawn) < CORRECTED:
+        return False
+    families = [prior.parameters for prior in models.priors]
+    nominal = families[0].sensor
+    chains = [
+        traces(nominal.background * images(families, draws.families, draws.vectors), nominal)
+        for draws in drawn
+    ]
+    return greatest_rhat(chains, [draws.weights for draws in drawn]) < KEPT_RHAT
 
 
 def _compact(values: np.ndarray) -> np.ndarray:

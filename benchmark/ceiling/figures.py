@@ -17,7 +17,9 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from eitbench.benchmark.ceiling.agreement import AGREED, TRACES, greatest_rhat, traces
 from eitbench.benchmark.ceiling.drawing import (
+    RUNS,
     SEEDS,
     VERSION,
     draws_of,
@@ -45,17 +47,9 @@ from eitbench.scenarios.data.datasets import Dataset, load
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.seeds import generator
-from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.storage.atomic_write import atomic_write, atomic_write_json
 from eitbench.scenarios.suites.scenario import Scenario
 
-TRACES = ("x", "y", "strength", "area")
-"""What a frame says of a touch, whatever its family: the centre of its |contrast| [m], the integral
-of its contrast [m^2], and its area [m^2]."""
-AGREED = 1.01
-"""Greatest R-hat of the traces of a frame whose draws are trusted."""
-ROUNDING = 1e-9
-"""Relative size of differences between traces that say nothing."""
 FIGURES = ("psnr", "ssim", "cc", "rie", "localisation_mm")
 STATED = tuple(name for name in UNCERTAINTY if name != "uncertainty_ms")
 
@@ -162,8 +156,7 @@ def _frame(
         "mse": float(np.mean(np.prod(list(errors.values()), axis=0))),
         **{f"mse_{k}": float(np.square(error).mean()) for k, error in errors.items()},
         "expected_mse": float(np.mean(squares)) / data.sensor.data_range**2,
-        "rhat": max(rhat([traced[k][:, t] for k in PROPOSALS], [weights[k] for k in PROPOSALS])
-                    for t in range(len(TRACES))),
+        "rhat": greatest_rhat(*zip(*((traced[k], weights[k]) for k in PROPOSALS), strict=True)),
         "effective": min(d.effective for d in drawn.values()),
         **{f"rank_{name}": float(below[t]) for t, name in enumerate(TRACES)},
         **{f"true_{name}": float(value) for name, value in zip(TRACES, true, strict=True)},
@@ -172,28 +165,6 @@ def _frame(
         **{name: float(values[0]) for name, values in stated.items() if name in STATED},
         **{name: " ".join(f"{value:.3g}" for value in kept[name][0].flat) for name in CURVES},
     }, mean  # fmt: skip
-
-
-def traces(conductivity: Array, sensor: Sensor) -> Array:
-    """`TRACES` (n, 4) of images (n, H, W) [S/m]."""
-    inside = sensor.mask
-    contrast = 1 - conductivity[:, inside] / sensor.background
-    strength, area = contrast.sum(axis=1), (contrast != 0).sum(axis=1)
-    weight = np.abs(contrast)
-    total = np.maximum(weight.sum(axis=1), 1e-12)
-    x, y = (weight @ axis[inside] / total for axis in sensor.pixel_centres)
-    pixel = np.prod(sensor.pixel_size)
-    return np.stack([x, y, strength * pixel, area * pixel], axis=1)
-
-
-def rhat(chains: Sequence[Array], weights: Sequence[Array]) -> float:
-    """R-hat of one trace, from weighted draws (n,) of each chain (Gelman and Rubin 1992)."""
-    means = [float(w @ x) for x, w in zip(chains, weights, strict=True)]
-    within = [float(w @ (x - m) ** 2) for x, w, m in zip(chains, weights, means, strict=True)]
-    between, rounding = float(np.var(means, ddof=1)), (ROUNDING * np.abs(means).max()) ** 2
-    if np.mean(within) <= rounding:  # the same in all draws
-        return 1.0 if between <= rounding else float("inf")
-    return float(np.sqrt(1 + between / np.mean(within)))
 
 
 def trusted(frames: pd.DataFrame) -> pd.Series:
@@ -288,6 +259,7 @@ def write_record(
             "version": VERSION,
             "particles_per_term": PARTICLES,
             "library": LIBRARY,
+            "runs": RUNS,
             "seeds": SEEDS,
         },
         "data": {

@@ -25,6 +25,7 @@ Two kinds of proposals make two samplers, see `moves`.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -96,12 +97,34 @@ class Draws(NamedTuple):
         weights: (n,), which sum to 1.
         effective: how many particles exact weights leave effective, over `CHECKED`; below
             `CORRECTED` the draws are all particles, and not exact.
+        log_evidence: logarithm of the likelihood's mean over the prior, but for a constant of the
+            frame; by the stand-in where the draws are not exact.
     """
 
     families: Index
     vectors: Array
     weights: Array
     effective: float
+    log_evidence: float
+
+
+def merged(runs: Sequence[Draws]) -> Draws:
+    """The draws of several runs of a sampler together, of which the exact ones count, if any.
+
+    Exact draws weigh as the evidence of their run, which is a mean over all that it saw (Del Moral,
+    Doucet and Jasra 2006, 3.2): a run that lost what is likely has a small one. Evidence by
+    different stand-ins says nothing of this kind, so that runs which are not exact weigh alike.
+    """
+    exact = [run for run in runs if run.effective >= CORRECTED]
+    some = exact or runs
+    shares = special.softmax([run.log_evidence if exact else 0.0 for run in some])
+    return Draws(
+        np.concatenate([run.families for run in some]),
+        np.concatenate([run.vectors for run in some]),
+        np.concatenate([share * run.weights for share, run in zip(shares, some, strict=True)]),
+        max(run.effective for run in some),
+        float(special.logsumexp([run.log_evidence for run in some]) - math.log(len(some))),
+    )
 
 
 def library(models: PhantomModels, rng: np.random.Generator) -> Particles:
@@ -147,7 +170,7 @@ class _Annealing:
         self._particles, self._frame, self._rng = sampler.library, frame, rng
         self._use(self._models.untouched())
         self._log_likely = np.log([prior.share for prior in self._models.priors])
-        self._sharpness, self._stride = 0.0, 1.0
+        self._sharpness, self._stride, self._log_evidence = 0.0, 1.0, 0.0
         self._solved: list[tuple[Array, Array]] = []
 
     def _use(self, stand_in: StandIn) -> None:
@@ -228,13 +251,15 @@ class _Annealing:
     def _draw_anew(self, log_weights: Array) -> None:
         """Draw particles by their weights, of each family as many as it is to have.
 
-        The mean weights are what the families become more or less likely by.
+        The mean weights are what the families become more or less likely by, and the evidence.
         """
         of = self._of(UNLIKELY)
         for family, some in of.items():
             mean = special.logsumexp(log_weights[some]) - math.log(len(some))
             self._log_likely[family] += float(mean)
-        self._log_likely -= special.logsumexp(self._log_likely)
+        risen = float(special.logsumexp(self._log_likely))
+        self._log_likely -= risen
+        self._log_evidence += risen
         left = {family: some for family, some in of.items() if family in self._of(UNLIKELY)}
         self._log_likely[[k not in left for k in range(len(self._log_likely))]] = -np.inf
         chosen = []
@@ -259,11 +284,13 @@ class _Annealing:
             share = effective(weights) / CHECKED
             if share >= CORRECTED:
                 families, vectors, _ = map(np.concatenate, zip(*checked, strict=True))
-                return Draws(families, vectors, special.softmax(weights), share)
+                evidence = self._log_evidence + float(special.logsumexp(weights))
+                evidence -= math.log(len(weights))
+                return Draws(families, vectors, special.softmax(weights), share, evidence)
             if share / batches * BATCHES < CORRECTED:
                 break
             self._move()
-        return Draws(particles.families, particles.vectors, even, share)
+        return Draws(particles.families, particles.vectors, even, share, self._log_evidence)
 
     def _even(self) -> Array:
         """Weights (n,) of the particles by which each family counts as it is likely."""

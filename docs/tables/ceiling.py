@@ -6,8 +6,9 @@ import numpy as np
 import pandas as pd
 from docs.tables.record import STUDIES, printed
 
+from eitbench.benchmark.ceiling.agreement import AGREED
 from eitbench.benchmark.ceiling.drawing import known_of, told
-from eitbench.benchmark.ceiling.figures import AGREED, summary
+from eitbench.benchmark.ceiling.figures import summary
 from eitbench.benchmark.ceiling.record import decibels, recorded_frames, traces_held
 from eitbench.benchmark.metrics.statistics import bootstrap
 from eitbench.scenarios.suites.scenario import TOUCHES
@@ -144,26 +145,25 @@ def _rungs() -> str:
 
 
 def _offsets(same: str) -> str:
-    """Patterns (i, i + k) by the ceiling, beside k = 3 on the same frames.
-
-    Too few sessions have been drawn for intervals.
-    """
+    """Patterns (i, i + k) by the ceiling, beside k = 3 on the same frames."""
     stored = pd.read_csv(STUDIES / "offsets" / "offsets.csv")
     stored = stored[stored["same"] == same]
     errors = stored.pivot_table("mse", "sample", "offset")
     signal = stored.pivot_table("touch_snr_db", "sample", "offset")
     rows = []
     for offset in errors.columns:
-        both = errors[[offset, _SENSOR_OFFSET]].dropna()
-        own, known = -10 * np.log10(both.to_numpy().mean(axis=0))
-        gain = "" if offset == _SENSOR_OFFSET else f"{own - known:+.2f}"
+        both = errors[[_SENSOR_OFFSET, offset]].dropna()
+        gain = ["", "", ""]
+        if offset != _SENSOR_OFFSET:
+            found = bootstrap(both.to_numpy(), both.index // TOUCHES, decibels)[0]
+            gain = [f"{value:+.2f}" for value in found]
         rows.append([
-            f"{offset}", str(len(both)), f"{own:.2f}", f"{known:.2f}", gain,
-            *(f"{signal[of].loc[both.index].median():.1f}" for of in (offset, _SENSOR_OFFSET)),
+            f"{offset}", str(len(both)), f"{-10 * np.log10(both[offset].mean()):.2f}", *gain,
+            f"{signal[offset].loc[both.index].median():.1f}",
         ])  # fmt: skip
     heads = [
-        "offset", "frames", "PSNR of the mean error [dB]", "of 3 on these frames [dB]",
-        "difference [dB]", "median SNR of a touch [dB]", "of 3 on these frames [dB]",
+        "offset", "frames", "PSNR of the mean error [dB]", "above 3 [dB]", "95 %: from", "to",
+        "median SNR of a touch [dB]",
     ]  # fmt: skip
     return printed(heads, rows, [True] * len(heads))
 

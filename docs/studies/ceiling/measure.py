@@ -23,7 +23,7 @@ from scipy import stats
 
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.benchmark.ceiling.figures import TRACES
+from eitbench.benchmark.ceiling.agreement import TRACES
 from eitbench.benchmark.ceiling.record import recorded_frames
 from eitbench.benchmark.findings.noise import noise_curves
 from eitbench.reports.figures.style import PAGE, STYLE, line_style, new_figure, save

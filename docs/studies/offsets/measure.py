@@ -70,6 +70,7 @@ def write(folder: Path, samples: int, jobs: int) -> None:
     cases = {(k, same): seen_with(k, same, folder) for same in SAME for k in OFFSETS}
     draw_posteriors(list(cases.values()), folder / "draws", samples, jobs=jobs)
     known = recorded_frames(KNOWN, scenario_by_name(KNOWN).data_hash("test"))
+    known = known[known["sample"] < samples]
     tables = [known.assign(offset=3, same=same) for same in SAME] + [
         frames_table(folder / "draws", [scenario], samples).assign(offset=offset, same=same)
         for (offset, same), scenario in cases.items()

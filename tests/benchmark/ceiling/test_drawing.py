@@ -1,6 +1,7 @@
 """Draws are kept, resumed and of the frames that they are said to be of."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,13 @@ from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.ceiling import drawing, figures, record, sampler
 from eitbench.benchmark.ceiling.drawing import draw_posteriors, known_of, told
 from eitbench.benchmark.ceiling.figures import summary, write_record
+from eitbench.benchmark.ceiling.moves import PROPOSALS
+from eitbench.benchmark.ceiling.sampler import Draws
 from eitbench.benchmark.findings.uncertainty import read_uncertainty
 from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.reports.tables import ceiling
 from eitbench.reports.tables.boards import note, printed_boards
+from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import Suite, load_suite, scenario_by_name
 
@@ -217,6 +221,31 @@ def record_of(scenario: SimulatedScenario, folder: Path) -> pd.DataFrame:
 def test_a_stopped_run_goes_on(tmp_path: Path) -> None:
     frames = record_of(FAST.model_copy(update={"test": 6}), tmp_path)
     assert len(frames) == 6
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("few_draws")
+@pytest.mark.parametrize(("kept_rhat", "runs"), [(1.0, drawing.RUNS), (100.0, 1)])
+def test_samplers_that_disagree_run_again(
+    kept_rhat: float, runs: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    merging = []
+
+    def counted(found: Sequence[Draws]) -> Draws:
+        merging.append(len(found))
+        return sampler.merged(found)
+
+    monkeypatch.setattr(drawing, "KEPT_RHAT", kept_rhat)
+    monkeypatch.setattr(drawing, "merged", counted)
+    draw_posteriors([FAST], tmp_path, 1)
+    assert merging == [k for k in range(1, runs + 1) for _ in PROPOSALS]
+    (sample,) = load(FAST, "test", 1).frame_hashes
+    found = drawing.draws_of(tmp_path, FAST.name, 0, sample)
+    assert found is not None
+    for draws in found.values():
+        assert draws.effective > sampler.CORRECTED
+        assert len(draws.weights) >= runs * sampler.CHECKED
+        assert draws.weights.sum() == pytest.approx(1, rel=1e-5)
 
 
 @pytest.mark.nightly

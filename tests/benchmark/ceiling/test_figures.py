@@ -9,8 +9,9 @@ import pytest
 from scipy import stats
 from tests.support.small_sensors import foam, touch
 
+from eitbench.benchmark.ceiling.agreement import TRACES, rhat, traces
 from eitbench.benchmark.ceiling.drawing import priors_of
-from eitbench.benchmark.ceiling.figures import TRACES, _frame, rhat, summary, traces
+from eitbench.benchmark.ceiling.figures import _frame, summary
 from eitbench.benchmark.ceiling.models import images
 from eitbench.benchmark.ceiling.moves import PROPOSALS
 from eitbench.benchmark.ceiling.sampler import Draws
@@ -64,7 +65,11 @@ def test_the_squared_error_is_the_product_of_the_errors_of_two_samplers() -> Non
     priors = priors_of(SCENARIO)
     drawn = {
         name: Draws(
-            np.zeros(2, int), priors[0].draw(2, np.random.default_rng(k)), weights, 0.4 + 0.5 * k
+            np.zeros(2, int),
+            priors[0].draw(2, np.random.default_rng(k)),
+            weights,
+            effective=0.4 + 0.5 * k,
+            log_evidence=0.0,
         )
         for k, (name, weights) in enumerate(
             zip(PROPOSALS, np.array([[0.3, 0.7], [0.6, 0.4]]), strict=True)
@@ -117,7 +122,7 @@ def test_a_truth_that_all_draws_have_is_at_any_rank_and_families_weigh_as_their_
         (one,) = prior.draw(1, np.random.default_rng(k))
         vectors[k, : len(one)] = one
     which, weights = np.array([0, 1, 1]), np.array([0.5, 0.2, 0.3])
-    drawn = {name: Draws(which, vectors, weights, 1.0) for name in PROPOSALS}
+    drawn = {name: Draws(which, vectors, weights, 1.0, 0.0) for name in PROPOSALS}
     families = [prior.parameters for prior in priors]
     (truth,) = images(families, which[:1], vectors[:1])
     found = []

@@ -8,16 +8,18 @@ from scipy import special, stats
 from tests.support.small_sensors import foam
 
 from eitbench.benchmark.ceiling import sampler
-from eitbench.benchmark.ceiling.figures import traces
+from eitbench.benchmark.ceiling.agreement import traces
 from eitbench.benchmark.ceiling.models import PhantomModels, images
 from eitbench.benchmark.ceiling.moves import PROPOSALS, Proposals
 from eitbench.benchmark.ceiling.prior import FamilyPrior
 from eitbench.benchmark.ceiling.sampler import (
     CHECKED,
+    Draws,
     Particles,
     Sampler,
     effective,
     library,
+    merged,
 )
 from eitbench.scenarios.arrays import Array, Index
 from eitbench.scenarios.imperfections.noise import add_noise
@@ -97,6 +99,8 @@ def test_mean_width_and_families_are_those_of_brute_force(
     expected = np.bincount(of, weights, minlength=len(families))
     np.testing.assert_allclose(likely, expected, atol=0.12)
     assert drawn.effective > max(0.5, enough)
+    evidence = special.logsumexp(log_weights) - np.log(MANY)
+    assert drawn.log_evidence == pytest.approx(evidence, abs=0.3)
 
 
 @pytest.mark.slow
@@ -110,6 +114,27 @@ def test_where_exact_weights_leave_too_few_the_draws_are_all_particles(
     assert 0 < drawn.effective < sampler.BATCHES
     assert len(drawn.weights) > CHECKED
     assert len(np.unique(drawn.weights)) <= len(NAMES)  # as likely as their family
+
+
+def run_of(effective: float, log_evidence: float, vector: float) -> Draws:
+    """A run of two draws."""
+    vectors, weights = np.full((2, 1), vector), np.array([0.25, 0.75])
+    return Draws(np.zeros(2, int), vectors, weights, effective, log_evidence)
+
+
+def test_exact_runs_weigh_as_their_evidence() -> None:
+    one, other = run_of(0.5, -700.0, 1.0), run_of(0.9, -700.0 + np.log(3), 2.0)
+    found = merged([one, run_of(0.1, 0.0, 3.0), other])
+    np.testing.assert_allclose(found.weights, [0.0625, 0.1875, 0.1875, 0.5625])
+    np.testing.assert_array_equal(found.vectors[:, 0], [1, 1, 2, 2])
+    assert found.effective == 0.9
+    assert found.log_evidence == pytest.approx(-700 + np.log(2))
+
+
+def test_runs_of_which_none_is_exact_weigh_alike() -> None:
+    found = merged([run_of(0.1, 50.0, 1.0), run_of(0.2, 0.0, 2.0)])
+    np.testing.assert_allclose(found.weights, [0.125, 0.375, 0.125, 0.375])
+    assert found.effective == 0.2
 
 
 @pytest.mark.slow
