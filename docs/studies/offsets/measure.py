@@ -68,7 +68,7 @@ def write(folder: Path, samples: int, jobs: int) -> None:
     """Draw what is missing, and write the record."""
     folder.mkdir(parents=True, exist_ok=True)
     cases = {(k, same): seen_with(k, same, folder) for same in SAME for k in OFFSETS}
-    draw_posteriors(list(cases.values()), folder / "draws", samples, jobs=jobs)
+    draw_posteriors(list(cases.values()), folder / "draws", samples, jobs=jobs, progress=True)
     known = recorded_frames(KNOWN, scenario_by_name(KNOWN).data_hash("test"))
     known = known[known["sample"] < samples]
     tables = [known.assign(offset=3, same=same) for same in SAME] + [
