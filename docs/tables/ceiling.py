@@ -152,14 +152,13 @@ def _offsets(same: str) -> str:
     signal = stored.pivot_table("touch_snr_db", "sample", "offset")
     rows = []
     for offset in errors.columns:
-        both = errors[[_SENSOR_OFFSET, offset]].dropna()
-        gain = ["", "", ""]
+        own, gain = errors[offset].dropna(), ["", "", ""]
         if offset != _SENSOR_OFFSET:
-            found = bootstrap(both.to_numpy(), both.index // TOUCHES, decibels)[0]
-            gain = [f"{value:+.2f}" for value in found]
+            both = np.stack([errors[_SENSOR_OFFSET][own.index], own], axis=1)
+            gain = [f"{v:+.2f}" for v in bootstrap(both, own.index // TOUCHES, decibels)[0]]
         rows.append([
-            f"{offset}", str(len(both)), f"{-10 * np.log10(both[offset].mean()):.2f}", *gain,
-            f"{signal[offset].loc[both.index].median():.1f}",
+            f"{offset}", str(len(own)), f"{-10 * np.log10(own.mean()):.2f}", *gain,
+            f"{signal[offset].median():.1f}",
         ])  # fmt: skip
     heads = [
         "offset", "frames", "PSNR of the mean error [dB]", "above 3 [dB]", "95 %: from", "to",
