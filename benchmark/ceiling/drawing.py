@@ -8,6 +8,7 @@ stopped goes on, and one with more samples adds to one with fewer.
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
@@ -177,8 +178,11 @@ def draw_posteriors(
     ]
     pool = worker_pool(jobs, return_as="generator_unordered", batch_size=1)
     steps = pool(joblib.delayed(_draw)(*task) for task in tasks)
-    for _ in with_bar(steps, "Drawing posteriors", len(tasks), show=progress):
-        pass
+    with warnings.catch_warnings():
+        # joblib says so when it replaces a worker that has grown; no task is lost by it.
+        warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
+        for _ in with_bar(steps, "Drawing posteriors", len(tasks), show=progress):
+            pass
 
 
 def _kept(recorded: pd.DataFrame) -> pd.Series:

@@ -120,6 +120,8 @@ def test_every_method_with_packaged_weights_has_a_page(
             for what, value in entries.items():
                 assert f"<dt>{what}</dt>" in said
                 assert value in said
+    refined = (tmp_path / "site" / "methods" / "learned-gn.html").read_text()
+    assert "from the image of <code>dnn</code>" in refined
 
 
 def test_files_of_others_and_runs_are_not_replaced(
