@@ -34,6 +34,11 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     return _MARK.sub("", _PLACE.sub(lambda place: GENERATED[place[1]](), markdown))
 
 
+def on_post_build(config: Any, **_: Any) -> None:
+    """Leave out the page for addresses that are wrong: its links are right on one host alone."""
+    (Path(config["site_dir"]) / "404.html").unlink(missing_ok=True)
+
+
 def on_page_content(content: str, **_: Any) -> str:
     """Turn formulas into MathML, which browsers draw by themselves."""
     return _FORMULA.sub(_mathml, content)

@@ -30,6 +30,7 @@ from eitbench.benchmark.checks.method_under_test import (
     MethodUnderTest,
     disc,
 )
+from eitbench.benchmark.run.method_cell import WILD
 from eitbench.benchmark.workers.messages import BROKEN_CONTRACT
 from eitbench.scenarios.arrays import Array
 from eitbench.scenarios.imperfections.noise import add_noise
@@ -329,7 +330,12 @@ def uncertainty(tested: MethodUnderTest) -> str:
     bad = int((~np.isfinite(inside)).sum())
     require(bad == 0, f"{bad} of {inside.size} values of the uncertainty are NaN or infinite.")
     drawn = stated.ndim == tested.images(tested.contact).ndim + 1
-    deviations = inside.std(axis=1) if drawn else inside
+    limit = WILD * tested.sensor.data_range
+    require(
+        bool(np.abs(inside).max() <= limit),
+        f"the uncertainty has values beyond {limit:g} S/m, for which runs refuse a frame.",
+    )
+    deviations = inside.std(axis=1, dtype=np.float64) if drawn else inside
     least, most = float(deviations.min()), float(deviations.max())
     require(least >= 0, f"a standard deviation is {least:.3g} S/m; it cannot be negative.")
     require(most > 0, "it is sure of every pixel of a contact: no image is without error.")
@@ -340,7 +346,7 @@ def uncertainty(tested: MethodUnderTest) -> str:
 
     def ratio_to(other: NDArray[np.float32]) -> float:
         there = other[..., tested.sensor.mask]
-        there = there.std(axis=1) if drawn else there
+        there = there.std(axis=1, dtype=np.float64) if drawn else there
         return _rms(there.astype(np.float64)) / _rms(deviations.astype(np.float64))
 
     # The contact is the first of the frames.

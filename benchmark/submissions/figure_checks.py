@@ -33,6 +33,7 @@ from eitbench.benchmark.rundir.folder import read_json_file
 from eitbench.benchmark.rundir.kinds import METHOD_RUNS
 from eitbench.benchmark.rundir.run_arrays import read_validation
 from eitbench.benchmark.submissions.submission import LEADERBOARD, Submission
+from eitbench.scenarios.data.datasets import Dataset
 from eitbench.scenarios.similarity import Similarity
 from eitbench.scenarios.suites.scenario import RecordedScenario
 
@@ -100,7 +101,8 @@ def _agree(one: Any, other: Any) -> bool:
 
 
 def failures_are_reported(of: Submission) -> str:
-    """A status that the stored image contradicts."""
+    """A status that the stored image contradicts, or a count that no status gives."""
+    cells = rows_of(of.run.cells)
     for (scenario, method), ordered in cells_of(of.run.samples).items():
         images = of.run.estimates(scenario, method, ordered["sample"].tolist())
         mask = of.data[scenario].test.sensor.mask
@@ -117,6 +119,13 @@ def failures_are_reported(of: Submission) -> str:
             return (
                 f"The status of {method!r} on {scenario!r} does not say which of its images are "
                 "whole."
+            )
+        counted = {"n": len(ordered), "coverage": (ordered["status"] == "ok").mean()}
+        cell = cells[scenario, method]
+        if any(not np.isclose(cell[name], value).all() for name, value in counted.items()):
+            return (
+                f"methods.parquet counts other samples of {method!r} on {scenario!r} than there "
+                "are, or other valid ones."
             )
     return ""
 
@@ -208,7 +217,9 @@ def curves_follow(of: Submission) -> str:
                 return f"The {spec.title} of {method!r} on {scenario!r} has values that cannot be."
         stated = [rows[name].mean() if name in rows else np.nan for name in COVERAGES]
         if curves is None:
-            if np.isfinite(stated).any():
+            # Those of a run are missing only where draws and truth agree on every pixel.
+            scored = "crps" in rows and np.isfinite(rows["crps"]).any()
+            if np.isfinite(stated).any() or (scored and _touched(of.data[scenario].test)):
                 return f"The curves of what {method!r} states on {scenario!r} are missing."
             continue
         covered = [float(share) for share in coverages(np.array(curves.ranks)).values()]
@@ -225,12 +236,20 @@ def curves_follow(of: Submission) -> str:
     return ""
 
 
+def _touched(data: Dataset) -> bool:
+    return data.conductivity is not None and bool(
+        (data.conductivity[:, data.sensor.mask] != data.sensor.background).any()
+    )
+
+
 def leaderboard_follows(of: Submission) -> str:
     """Rows of the leaderboard that the samples do not give."""
     run = of.run
     try:
         stored = json.loads(read_json_file(run.path / LEADERBOARD).decode())
         rows = {(row["scenario"], row["method"]): row for row in stored}
+    except FileNotFoundError:
+        return f"{LEADERBOARD} is missing: send the whole folder that `submission make` wrote."
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         return f"{LEADERBOARD} cannot be read as a list of rows ({type(error).__name__})."
     found = [(row, standing) for standing in standings([run]) for row in standing.rows]

@@ -27,18 +27,17 @@ def _costs() -> list[Any]:
     return [json.loads(path.read_text()) for path in sorted((STUDIES / "harness").glob("*.json"))]
 
 
-def _cost_rows() -> list[dict[str, Any]]:
+def _cost_rows(record: Any) -> list[dict[str, Any]]:
     """Each method's own time for a sample, and that of the harness beside it, fastest first.
 
     What a run does as a whole is shared out evenly.
     """
     found = []
-    for record in _costs():
-        *methods, run = record["rows"]
-        for row in methods:
-            harness = row["harness_s"] + run["harness_s"] / len(methods)
-            share = harness / (row["own_s"] + harness)
-            found.append(row | {"ms": 1e3 * harness / row["samples"], "share": share})
+    *methods, run = record["rows"]
+    for row in methods:
+        harness = row["harness_s"] + run["harness_s"] / len(methods)
+        share = harness / (row["own_s"] + harness)
+        found.append(row | {"ms": 1e3 * harness / row["samples"], "share": share})
     return sorted(found, key=lambda row: float(row["own_ms_a_sample"]))
 
 
@@ -47,24 +46,30 @@ def _held(row: dict[str, Any]) -> bool:
 
 
 def _cost_table() -> str:
+    """Of the machine on which fewest methods hold the aim."""
+    worst = min(map(_cost_rows, _costs()), key=lambda rows: sum(map(_held, rows)))
     rows = [
         [f"`{row['method']}`", f"{row['samples']:,}", f"{row['own_ms_a_sample']:.3g}",
          f"{row['ms']:.1f}", f"{100 * row['share']:.1f} %", "yes" if _held(row) else "no"]
-        for row in _cost_rows()
+        for row in worst
     ]  # fmt: skip
     heads = ["method", "samples", "method, ms a sample", "harness, ms a sample", "share of the run"]
     return printed([*heads, "aim met"], rows, [False, *[True] * 4, False])
 
 
 def _cost_where() -> str:
-    commands = " and ".join(f"`{record['command']}`" for record in _costs())
-    solves = " and ".join(f"{record['calibration_ms']:.0f}" for record in _costs())
-    machine = _costs()[0]["machine"]
-    rows = _cost_rows()
+    commands = dict.fromkeys(f"`{record['command']}`" for record in _costs())
+    machines = []
+    for record in _costs():
+        rows = _cost_rows(record)
+        machines.append(
+            f"{sum(map(_held, rows))} of {len(rows)} on {record['machine']} (calibration solve "
+            f"{record['calibration_ms']:.0f} ms)"
+        )
     return (
         f"The aim is {AIM_MS:g} ms a sample or {100 * AIM_SHARE:g} % of a run, whichever is "
-        f"larger. Methods within it: {sum(map(_held, rows))} of {len(rows)}. Measured by "
-        f"{commands} on {machine}, where the calibration solve took {solves} ms."
+        f"larger. Methods within it: {', '.join(machines)}. Measured by {' and '.join(commands)}. "
+        "The table is of the machine on which fewest are."
     )
 
 

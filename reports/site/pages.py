@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+import math
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
@@ -13,23 +15,35 @@ from markupsafe import Markup
 from eitbench.benchmark.analysis.overall import MIN_SCENARIOS, mid_ranks
 from eitbench.benchmark.analysis.results import failures
 from eitbench.benchmark.analysis.standings import SIGNIFICANT
-from eitbench.benchmark.submissions.hidden import is_retired, published_keys, read_hidden
+from eitbench.benchmark.findings.noise import CEILING
+from eitbench.benchmark.submissions.hidden import (
+    PublishedKey,
+    is_retired,
+    published_keys,
+    read_hidden,
+)
 from eitbench.benchmark.submissions.tiers import board_of, is_ranked, tier
 from eitbench.reports.page.answer import MOST_ANSWERS, answer, summary, tied_with_first
 from eitbench.reports.page.report_data import counted_data
 from eitbench.reports.site.edition import Edition, SuitePart, method_file, name_of
 from eitbench.reports.tables.boards import PrintedBoard, lacking
-from eitbench.reports.tables.columns import Column, layout, printable
+from eitbench.reports.tables.ceiling import ceiling_notes, ceiling_rows
+from eitbench.reports.tables.columns import Column, layout, legend, printable
 from eitbench.reports.tables.gaps import HEADS, gap_texts, gaps_note, run_tier, tier_texts
 
 if TYPE_CHECKING:
     from eitbench.benchmark.analysis.leaderboard import Row
     from eitbench.benchmark.analysis.overall import WinsRow
     from eitbench.benchmark.analysis.results import Run
+    from eitbench.reports.findings.finding import Finding
     from eitbench.reports.page.report_data import BoardData
 
 MOST_TABLES = 8
 """Of suites of more scenarios: a page of all their tables would be slow to open."""
+MOST_STATED = 60
+"""Rows of a track of stated uncertainty or novelty that a suite's page shows."""
+STATED = ("uncertainty", "novelty")
+NAMES = ("method", "operator")
 WORST = 5  # scenarios that a method's page lists of those on which it does worst
 
 
@@ -214,7 +228,7 @@ def hidden_table(suite: SuitePart) -> Table | None:
         return None
     keys = published_keys(version)
     found = [
-        (gap, "key published" if is_retired(keys, record.key) else "key secret")
+        (gap, _key(keys, record.key))
         for record in read_hidden(version)
         if record.suite == suite.name
         for gap in record.gaps
@@ -232,6 +246,12 @@ def hidden_table(suite: SuitePart) -> Table | None:
             "that anybody can draw the set; methods that come later need a new key."
         )
     return Table("On a hidden test set", [*HEADS, "Key"], rows, note)
+
+
+def _key(keys: Sequence[PublishedKey], sha256: str) -> str:
+    if all(of.sha256 != sha256 for of in keys):  # of a folder without `hidden.toml`
+        return "key not known here"
+    return "key published" if is_retired(keys, sha256) else "key secret"
 
 
 def hidden_keys(edition: Edition) -> str:
@@ -276,18 +296,13 @@ def self_reported_table(suite: SuitePart) -> Table | None:
 def board_table(board: BoardData, suite: SuitePart) -> Table:
     """The leaderboard of one scenario, with the columns of a table in a paper.
 
-    Where the suite has submissions, every row has its tier.
+    Where the suite has submissions, every row has its tier. The ceiling is the last row, unranked.
     """
     rows = board["views"][0]["rows"]
-    shown = layout(rows[0])
-    columns = [
-        column
-        for of in board["columns"]
-        if (column := Column(**of)).name in shown.paper and column.name not in ("run", "n")
-    ]
+    columns = board_columns(board)
     printed = PrintedBoard(board["name"], board["name"], rows)
     table: list[list[Text | Cell]] = [
-        [_cell(column, row, printed) for column in columns] for row in rows
+        [_cell(column, row, printed) for column in columns] for row in [*rows, *ceiling_rows(rows)]
     ]
     about = [f"{board['n']:,} samples"]
     if board["sensor"]:
@@ -302,16 +317,109 @@ def board_table(board: BoardData, suite: SuitePart) -> Table:
     heads = [f"{column.title} {column.arrow}".strip() for column in columns]
     if suite.has_submissions:
         heads.append("Tier")
-        for row, texts in zip(rows, table, strict=True):
+        for row, texts in itertools.zip_longest(rows, table):
+            if row is None:
+                texts.append("not ranked")
+                continue
             found = tier(suite.run(row["run"]), row["scenario"], name_of(row))
             texts.append(found.tier + (" (key published)" if found.key_published else ""))
-    return Table(
-        title, heads, table, printable("; ".join([", ".join(about), *lacking(rows)])) + "."
+    notes = [", ".join(about), *lacking(rows), *ceiling_notes(rows)]
+    return Table(title, heads, table, printable("; ".join(notes)) + ".")
+
+
+def board_columns(board: BoardData) -> list[Column]:
+    """The columns of a table in a paper, the method's first."""
+    paper = layout(board["views"][0]["rows"][0]).paper
+    columns = [Column(**of) for of in board["columns"]]
+    shown = [of for of in columns if of.name in paper and of.name not in ("run", "n")]
+    return sorted(shown, key=lambda of: of.name not in NAMES)
+
+
+def columns_legend(suite: SuitePart) -> str:
+    """What the columns of the boards of a suite hold."""
+    columns = {of.name: of for board in suite.boards for of in board_columns(board)}
+    return printable(legend(list(columns.values())))
+
+
+def stated_tables(suite: SuitePart) -> list[Table]:
+    """The tracks of a suite on stated uncertainty and on novelty, unless they are very long."""
+    return [
+        _finding_table(found)
+        for found in suite.found
+        if found.stem in STATED and len(found.grid) <= MOST_STATED
+    ]
+
+
+def _finding_table(found: Finding) -> Table:
+    """A finding with its methods first."""
+    heads, *rows = found.grid
+    first = heads.index("Method")
+    words = {"Scenario", "Score", "Ties"}
+    table: list[list[Text | Cell]] = [
+        [
+            row[first],
+            *(
+                Cell(text, "" if head in words else "number")
+                for k, (head, text) in enumerate(zip(heads, row, strict=True))
+                if k != first
+            ),
+        ]
+        for row in rows
+    ]
+    others = [head for k, head in enumerate(heads) if k != first]
+    note = f"{found.legend} The figure is in the full report."
+    return Table(found.title, ["Method", *others], table, note)
+
+
+def method_stated_table(name: str, edition: Edition) -> Table | None:
+    """How far what a method states of its images can be relied on; None where it states nothing."""
+    said: dict[tuple[str, str], dict[Hashable, Any]] = {}
+    files = {suite.name: suite.file for suite in edition.suites}
+    for suite in edition.suites:
+        for found in suite.found:
+            if found.stem not in STATED:
+                continue
+            for row in found.table[found.table["method"] == name].to_dict("records"):
+                of = said.setdefault((suite.name, str(row["scenario"])), {})
+                if row.get("score", "novelty") == "novelty":  # others are not of the method
+                    of |= row
+    rows: list[list[Text | Cell]] = [
+        [link(suite, files[suite], "../"), scenario, *_stated_cells(of)]
+        for (suite, scenario), of in said.items()
+        if of
+    ]
+    if not rows:
+        return None
+    heads = ["Suite", "Scenario", "Rank", "CRPS [S/m]", "In 95 %", "Place in 95 %", "AUROC"]
+    note = (
+        "Rank by CRPS, a proper score of stated uncertainty: the lower, the better. In 95 %: share "
+        "of pixels and of places whose truth lies in the region of that level. AUROC: how often "
+        "the novelty that it states is greater for a frame of a condition that it does not know "
+        "than for a familiar one; 0.5 is a coin."
     )
+    return Table("What it says beside its images", heads, rows, note)
+
+
+def _stated_cells(row: Mapping[Hashable, Any]) -> list[Text | Cell]:
+    """Rank, CRPS, coverages and AUROC of a row of a finding, as far as it has them."""
+    forms = {
+        "rank": ".0f",
+        "crps": ".5f",
+        "coverage_95": ".1%",
+        "place_coverage_95": ".1%",
+        "auroc": ".3f",
+    }
+    found = ((row.get(key, math.nan), form) for key, form in forms.items())
+    return [
+        Cell("–" if value is None or math.isnan(value) else format(value, form), "number")
+        for value, form in found
+    ]
 
 
 def _cell(column: Column, row: Row, board: PrintedBoard) -> Cell:
-    if column.name in ("method", "operator"):
+    if column.name in NAMES:
+        if name_of(row) == CEILING:
+            return Cell(Markup("<em>{}</em>").format(CEILING))
         return Cell(link(row["label"], method_file(name_of(row)), "../"))
     text: Text = column.text(row)
     if ends := column.ends(row):
@@ -376,6 +484,18 @@ def told(name: str, edition: Edition) -> list[tuple[str, str]]:
             if says := row.get("prior_knowledge"):
                 found.setdefault(says, []).append(f"{part.name} / {board['scenario']}")
     return [(says, _listed(where)) for says, where in found.items()]
+
+
+def training_cost(name: str, edition: Edition) -> list[tuple[str, str]]:
+    """How long the training of a method took with all that it is built on, and for what."""
+    found: dict[str, list[str]] = {}
+    for part in edition.parts:
+        for board, row in part.rows(name):
+            if seconds := row.get("train_s"):
+                where = f"{part.name} / {board['scenario']}"
+                digits = ",.0f" if seconds >= 100 else ".2g"
+                found.setdefault(f"{seconds:{digits}} s", []).append(where)
+    return [(seconds, _listed(where)) for seconds, where in found.items()]
 
 
 def chosen_parameters(name: str, edition: Edition) -> list[tuple[str, str]]:

@@ -40,15 +40,19 @@ from eitbench.reports.site.pages import (
     board_table,
     brief_answers,
     chosen_parameters,
+    columns_legend,
     failings,
     hidden_keys,
     hidden_table,
     matrix_table,
+    method_stated_table,
     overall_table,
     results_table,
     self_reported_table,
+    stated_tables,
     summary_table,
     told,
+    training_cost,
 )
 from eitbench.reports.tables.columns import layout, printable
 from eitbench.reports.tables.gaps import run_tier
@@ -299,7 +303,9 @@ class _Site:
             boards=[
                 *((board_table(board, suite) for board in boards) if few else ()),
                 *filter(None, [self_reported_table(suite), hidden_table(suite)]),
+                *stated_tables(suite),
             ],
+            legend=columns_legend(suite) if few else "",
             runs=runs,
             licence=LICENCE,
             recordings=[
@@ -362,6 +368,8 @@ class _Site:
             f"({wins.data_sets} data sets)",
             chosen=chosen_parameters(name, edition),
             told=told(name, edition),
+            training=training_cost(name, edition),
+            stated=method_stated_table(name, edition),
             noise=list(self._noise(name)),
             strips=list(self._images(name)),
             failings=failings(name, edition),

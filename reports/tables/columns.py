@@ -142,7 +142,7 @@ METHOD_LAYOUT = Layout(
         ),
         Column("setup_s", "Set-up [s]", TIME, "min"),
         Column("train_s", "Training [s]", TIME, "min"),
-        Column("coverage", "Coverage", ".1%", always=True),
+        Column("coverage", "Done", ".1%", always=True),
         Column("n", "n", "d", always=True),
         Column("track", "Track", always=True),
         Column("run", "Run"),
@@ -176,7 +176,7 @@ OPERATOR_LAYOUT = Layout(
         *_metrics(OPERATOR_METRICS, "mse", "r", "rel_error", "grad_cosine"),
         *_metrics(OPERATOR_COSTS, "forward_ms", "grad_ms", "setup_s", "memory_mb", "train_s"),
         Column("trained_on", "Trained on"),
-        Column("coverage", "Coverage", ".1%", always=True),
+        Column("coverage", "Done", ".1%", always=True),
         Column("n", "n", "d", always=True),
     ),
     frozenset(

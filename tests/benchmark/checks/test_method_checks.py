@@ -45,6 +45,7 @@ BROKEN = {
     "contract-indifferent": {"novelty"},
     "contract-negative": {"uncertainty"},
     "contract-certain": {"uncertainty"},
+    "contract-beyond": {"uncertainty"},
     "contract-few": {"uncertainty"},
     "contract-wavering": {"uncertainty"},
     "contract-neighbour": {"uncertainty"},

@@ -314,6 +314,14 @@ class Certain(Sound):
         return 0 * self.reconstruct(voltages)
 
 
+@register("contract-beyond")
+class Beyond(Sound):
+    """Draws values that no run takes."""
+
+    def uncertainty(self, voltages: Array) -> Array:
+        return np.repeat(0 * self.reconstruct(voltages)[:, None] + 1e9, 39, axis=1)
+
+
 @register("contract-few")
 class Few(Sound):
     """Draws five images only."""

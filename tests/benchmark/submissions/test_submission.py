@@ -343,7 +343,7 @@ def copy_the_truth(run: Path, method: str = "my-noser") -> None:
             "notes on recordings are ours",
             "says something of 'tiny', which is no recorded scenario",
         ),
-        (lambda run: (run / "leaderboard.json").unlink(), BOARD, "leaderboard.json cannot be read"),
+        (lambda run: (run / "leaderboard.json").unlink(), BOARD, "leaderboard.json is missing"),
         (
             lambda run: (run / "reconstructions.h5").unlink(),
             FIGURES,
@@ -364,6 +364,8 @@ def copy_the_truth(run: Path, method: str = "my-noser") -> None:
         ),
         (drop_a_method, ROWS, "'my-noser' was not run on 'tiny'"),
         (set_in_a_row("status", "error"), FAILURES, "does not say which of its images are whole"),
+        (set_in_cells("n", 1), FAILURES, "counts other samples of"),
+        (set_in_cells("coverage", 0.5), FAILURES, "counts other samples of"),
         (add_a_figure, BOARD, ""),
         # What was accepted once, see CHANGELOG.
         (set_attribute("background", 0.5), FRAMES, "another 'background' than ours"),
@@ -733,6 +735,21 @@ def test_an_uncertainty_that_no_method_stated_is_found(with_plugin: Path) -> Non
     problems = [check.problem for check in rerun(open_submission(with_plugin), 5)]
     assert problems[0] == ""
     assert "Its 'coverage_95' of 5 samples" in problems[1]
+
+
+@pytest.mark.slow
+def test_a_score_without_the_curves_that_runs_write_beside_it_is_found(with_plugin: Path) -> None:
+    table = pd.read_parquet(with_plugin / "samples.parquet")
+    stated = dict.fromkeys(("crps", "sharpness", "ause"), 1e-4)
+    silent = table["method"] == "noser"
+    stated |= {name: np.nan for name in map(str, table) if "coverage_" in name}
+    for name, value in stated.items():
+        table[name] = table[name].where(~silent, value)
+    table.to_parquet(with_plugin / "samples.parquet")
+    cells = pd.read_parquet(with_plugin / "methods.parquet")
+    cells["uncertainty"] = cells["uncertainty"].where(cells["method"] != "noser", "")
+    cells.to_parquet(with_plugin / "methods.parquet")
+    assert "The curves of what 'noser' states on 'tiny' are missing" in problem(with_plugin, CURVES)
 
 
 @pytest.mark.slow

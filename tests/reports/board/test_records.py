@@ -632,6 +632,23 @@ def test_the_leaderboard_is_of_the_parameters_that_are_chosen_now() -> None:
         assert outdated(json.loads(record.read_text())) == [], suite
 
 
+def test_the_same_weights_learned_from_the_same_data() -> None:
+    """Rows by an older version of a method that said less of its training are run again."""
+    version = max(BOARD.glob("2*"), key=lambda path: version_key(path.name))
+    learned: dict[tuple[str, str], dict[str, list[str]]] = {}
+    for path in sorted(version.glob("*/methods.parquet")):
+        cells = json.loads((path.parent / "manifest.json").read_text())["cells"]
+        weights = {(of["scenario"], of["name"]): of["weights"] for of in cells}
+        table = pd.read_parquet(path)
+        for row in table.to_dict("records") if "prior_knowledge" in table else ():
+            of = str(row["method"]), weights[str(row["scenario"]), str(row["method"])]
+            said = json.dumps(json.loads(str(row["prior_knowledge"]))["trained_on"])
+            where = f"{path.parent.name}/{row['scenario']}"
+            learned.setdefault(of, {}).setdefault(said, []).append(where)
+    assert len(learned) > 20
+    assert {of: said for of, said in learned.items() if of[1] and len(said) > 1} == {}
+
+
 def test_records_name_commits_of_the_history() -> None:
     """A commit that makes a record again."""
     root = Path(__file__).parents[3]

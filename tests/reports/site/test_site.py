@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -20,6 +21,8 @@ from eitbench.benchmark.submissions.hidden import Gap, HiddenRecord, PublishedKe
 from eitbench.benchmark.submissions.rerun import digest
 from eitbench.benchmark.submissions.sums import note_sums
 from eitbench.methods.registry import METHOD_REGISTRY
+from eitbench.reports.findings.finding import Finding
+from eitbench.reports.site import pages
 from eitbench.reports.site.edition import Edition, editions
 from eitbench.reports.site.pages import hidden_keys
 from eitbench.reports.site.site import write_site
@@ -154,6 +157,71 @@ def test_the_front_counts_what_methods_win(build: Any, dataset_of: Any, tmp_path
     ]
     page = (tmp_path / "site" / "suites" / "bench.html").read_text()
     assert cells(page, "Over the 2 scenarios") == [["good", "1.00", "100%"], ["poor", "2.00", "0%"]]
+
+
+def test_boards_have_the_ceiling_unranked_and_say_what_their_columns_hold(
+    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ceiling(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        return [dict.fromkeys(rows[0]) | {"method": "ceiling", "n": 5, "psnr": 41.23}]
+
+    monkeypatch.setattr(pages, "ceiling_rows", ceiling)
+    write_site(runs, tmp_path / "site")
+    page = (tmp_path / "site" / "suites" / "bench.html").read_text()
+    board = cells(page, "conductivity-set")
+    assert [row[0] for row in board][-1] == "ceiling"
+    assert "41.23" in board[-1]
+    assert board[-1][1] == "–"
+    assert board[0][:2] == ["noser", "1"]
+    assert "Ties: methods that share a letter cannot be told apart" in page
+    assert not (tmp_path / "site" / "methods" / "ceiling.html").exists()
+
+
+def test_pages_have_what_methods_state_of_their_images(runs: Path) -> None:
+    (edition,) = editions(runs)
+    stated = pd.DataFrame(
+        [
+            {"scenario": "a", "rank": 1.0, "method": "noser", "crps": 0.012345, "coverage_95": 0.9},
+            {"scenario": "a", "rank": None, "method": "ceiling", "crps": 0.01, "coverage_95": 0.95},
+        ]
+    )
+    told = pd.DataFrame(
+        [
+            {"scenario": "b", "method": "noser", "score": "residual", "auroc": 0.1},
+            {"scenario": "a", "method": "noser", "score": "novelty", "auroc": 0.75},
+        ]
+    )
+    grid = [["Scenario", "#", "Method", "CRPS"], ["a", "1", "noser", "0.0123"]]
+    found = [
+        Finding("uncertainty", "Uncertainty", stated, grid, "Ranked by CRPS."),
+        Finding("novelty", "Novelty", told, [["Method", "a"], ["noser", "0.750"]], "AUROC."),
+        Finding("other", "Other", told, [["Method"]], ""),
+    ]
+    suite = replace(edition.suites[0], found=found)
+    first, second = pages.stated_tables(suite)
+    assert (first.heads, second.heads) == (["Method", "Scenario", "#", "CRPS"], ["Method", "a"])
+    assert first.rows == [["noser", ("a", ""), ("1", "number"), ("0.0123", "number")]]
+    table = pages.method_stated_table("noser", replace(edition, suites=[suite]))
+    assert table is not None
+    assert [[str(getattr(cell, "text", cell)) for cell in row][1:] for row in table.rows] == [
+        ["a", "1", "0.01234", "90.0%", "–", "0.750"]
+    ]
+    assert pages.method_stated_table("tv", replace(edition, suites=[suite])) is None
+
+
+def test_a_method_says_what_its_training_took(build: Any, dataset_of: Any, tmp_path: Path) -> None:
+    build.add_scaled(dataset_of("conductivity", 12), {"dnn": 0.9, "noser": 0.5})
+    run = build.write()
+    table = pd.read_parquet(run / "methods.parquet")
+    took = table["method"].map({"dnn": 6993.4})
+    table.assign(train_s=took).to_parquet(run / "methods.parquet")
+    write_site(tmp_path, tmp_path / "site")
+    said = {
+        name: (tmp_path / "site" / "methods" / f"{name}.html").read_text()
+        for name in ("dnn", "noser")
+    }
+    assert "<dt>bench / conductivity-set</dt><dd>6,993 s</dd>" in said["dnn"]
+    assert "What its training took" not in said["noser"]
 
 
 def test_equals_share_the_mean_of_their_ranks(build: Any, dataset_of: Any, tmp_path: Path) -> None:
@@ -412,7 +480,7 @@ def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Pat
     assert [(row[1], row[-1]) for row in cells(page, "On a hidden test set")] == [
         ("good", "key published"), ("poor", "key published"), ("poor", "key secret"),
     ]  # fmt: skip
-    assert [(row[1], row[-1]) for row in cells(page, "conductivity-set")] == [
+    assert [(row[0], row[-1]) for row in cells(page, "conductivity-set")] == [
         ("good", "hidden (key published)"), ("poor", "hidden"),
     ]  # fmt: skip
     results = cells((front.parent / "methods" / "good.html").read_text(), "Every result")
@@ -430,6 +498,11 @@ def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Pat
     submit = (front.parent / "submit.html").read_text()
     assert "The key of bench, other is secret." in submit
     assert "is published" not in submit
+    keys.unlink()
+    (front, *_) = write_site(board.parent, tmp_path / "site")
+    page = (front.parent / "suites" / "bench.html").read_text()
+    table = cells(page, "On a hidden test set")
+    assert {row[-1] for row in table} == {"key not known here"}
 
 
 def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
@@ -493,7 +566,7 @@ def test_self_reported_submissions_are_shown_but_count_nowhere(board: Path, tmp_
     assert 'href="methods/mine.html"' in front.read_text()
     page = (out / "suites" / "bench.html").read_text()
     assert "good is the best" in page
-    assert [(row[1], row[-1]) for row in cells(page, "conductivity-set")] == [
+    assert [(row[0], row[-1]) for row in cells(page, "conductivity-set")] == [
         ("good", "reproduced"), ("poor", "reproduced"),
     ]  # fmt: skip
     table = cells(page, "Self-reported, not ranked")
@@ -519,7 +592,7 @@ def test_a_method_has_one_row_over_all_suites_whatever_runs_hold_it(
         ["poor", "0%", "1", "–", "3 of 3"],
     ]
     page = (out / "suites" / "bench.html").read_text()
-    assert [(row[1], row[-1]) for row in cells(page, "conductivity-set")] == [
+    assert [(row[0], row[-1]) for row in cells(page, "conductivity-set")] == [
         ("mine (a)", "reproduced"), ("mine (tank)", "reproduced"),
         ("good", "reproduced"), ("poor", "reproduced"),
     ]  # fmt: skip
