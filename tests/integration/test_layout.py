@@ -71,8 +71,10 @@ def test_a_wheel_holds_every_module_once(tmp_path: Path) -> None:
 def test_the_source_distribution_packs_the_same_folders() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     targets = project["tool"]["hatch"]["build"]["targets"]
-    packed = [*targets["wheel"]["only-include"], "examples"]
+    beside = ["CHANGELOG.md", "CITATION.cff", "constraints.txt"]
+    packed = [*targets["wheel"]["only-include"], "examples", *beside]
     assert targets["sdist"]["only-include"] == packed
+    assert all((ROOT / name).exists() for name in packed)
 
 
 def test_folders_import_only_what_they_may(graph: dict[str, set[str]]) -> None:

@@ -24,7 +24,7 @@ from eitbench.benchmark.rundir.run_arrays import rounded_images
 from eitbench.benchmark.submissions import rerun as rerun_module
 from eitbench.benchmark.submissions import run_checks
 from eitbench.benchmark.submissions.check import CHECKS, check_submission
-from eitbench.benchmark.submissions.figure_checks import failures_are_reported
+from eitbench.benchmark.submissions.figure_checks import curves_follow, failures_are_reported
 from eitbench.benchmark.submissions.rerun import (
     ROUNDING,
     _away,
@@ -469,7 +469,8 @@ def test_pixels_outside_of_the_sensor_hold_the_background() -> None:
     images = np.where(mask, 0.2, np.full((2, 9, 9), 0.4)).astype(np.float32)
     rows = {"scenario": "a", "method": "m", "sample": [0, 1], "status": ["ok", "error"]}
     images[1] = np.nan
-    run = SimpleNamespace(samples=pd.DataFrame(rows), estimates=lambda *_: images)
+    cells = pd.DataFrame([{"scenario": "a", "method": "m", "n": 2, "coverage": 0.5}])
+    run = SimpleNamespace(samples=pd.DataFrame(rows), estimates=lambda *_: images, cells=cells)
     sensor = SimpleNamespace(mask=mask, background=0.4)
     data = {"a": SimpleNamespace(test=SimpleNamespace(sensor=sensor))}
     submission = cast("Submission", SimpleNamespace(run=run, data=data))
@@ -749,7 +750,8 @@ def test_a_score_without_the_curves_that_runs_write_beside_it_is_found(with_plug
     cells = pd.read_parquet(with_plugin / "methods.parquet")
     cells["uncertainty"] = cells["uncertainty"].where(cells["method"] != "noser", "")
     cells.to_parquet(with_plugin / "methods.parquet")
-    assert "The curves of what 'noser' states on 'tiny' are missing" in problem(with_plugin, CURVES)
+    said = curves_follow(open_submission(with_plugin))
+    assert said == "The curves of what 'noser' states on 'tiny' are missing."
 
 
 @pytest.mark.slow

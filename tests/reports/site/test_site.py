@@ -181,7 +181,7 @@ def test_pages_have_what_methods_state_of_their_images(runs: Path) -> None:
     (edition,) = editions(runs)
     stated = pd.DataFrame(
         [
-            {"scenario": "a", "rank": 1.0, "method": "noser", "crps": 0.012345, "coverage_95": 0.9},
+            {"scenario": "a", "rank": 1.0, "method": "noser", "crps": 0.01234, "coverage_95": 0.9},
             {"scenario": "a", "rank": None, "method": "ceiling", "crps": 0.01, "coverage_95": 0.95},
         ]
     )
