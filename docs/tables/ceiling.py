@@ -158,11 +158,11 @@ def _offsets(same: str) -> str:
             gain = [f"{v:+.2f}" for v in bootstrap(both, own.index // TOUCHES, decibels)[0]]
         rows.append([
             f"{offset}", str(len(own)), f"{-10 * np.log10(own.mean()):.2f}", *gain,
-            f"{signal[offset].median():.1f}",
+            *(f"{signal[of][own.index].median():.1f}" for of in (offset, _SENSOR_OFFSET)),
         ])  # fmt: skip
     heads = [
         "offset", "frames", "PSNR of the mean error [dB]", "above 3 [dB]", "95 %: from", "to",
-        "median SNR of a touch [dB]",
+        "median SNR of a touch [dB]", "of 3 on these frames [dB]",
     ]  # fmt: skip
     return printed(heads, rows, [True] * len(heads))
 

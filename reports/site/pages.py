@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
@@ -35,14 +34,10 @@ if TYPE_CHECKING:
     from eitbench.benchmark.analysis.leaderboard import Row
     from eitbench.benchmark.analysis.overall import WinsRow
     from eitbench.benchmark.analysis.results import Run
-    from eitbench.reports.findings.finding import Finding
     from eitbench.reports.page.report_data import BoardData
 
 MOST_TABLES = 8
 """Of suites of more scenarios: a page of all their tables would be slow to open."""
-MOST_STATED = 60
-"""Rows of a track of stated uncertainty or novelty that a suite's page shows."""
-STATED = ("uncertainty", "novelty")
 NAMES = ("method", "operator")
 WORST = 5  # scenarios that a method's page lists of those on which it does worst
 
@@ -339,81 +334,6 @@ def columns_legend(suite: SuitePart) -> str:
     """What the columns of the boards of a suite hold."""
     columns = {of.name: of for board in suite.boards for of in board_columns(board)}
     return printable(legend(list(columns.values())))
-
-
-def stated_tables(suite: SuitePart) -> list[Table]:
-    """The tracks of a suite on stated uncertainty and on novelty, unless they are very long."""
-    return [
-        _finding_table(found)
-        for found in suite.found
-        if found.stem in STATED and len(found.grid) <= MOST_STATED
-    ]
-
-
-def _finding_table(found: Finding) -> Table:
-    """A finding with its methods first."""
-    heads, *rows = found.grid
-    first = heads.index("Method")
-    words = {"Scenario", "Score", "Ties"}
-    table: list[list[Text | Cell]] = [
-        [
-            row[first],
-            *(
-                Cell(text, "" if head in words else "number")
-                for k, (head, text) in enumerate(zip(heads, row, strict=True))
-                if k != first
-            ),
-        ]
-        for row in rows
-    ]
-    others = [head for k, head in enumerate(heads) if k != first]
-    note = f"{found.legend} The figure is in the full report."
-    return Table(found.title, ["Method", *others], table, note)
-
-
-def method_stated_table(name: str, edition: Edition) -> Table | None:
-    """How far what a method states of its images can be relied on; None where it states nothing."""
-    said: dict[tuple[str, str], dict[Hashable, Any]] = {}
-    files = {suite.name: suite.file for suite in edition.suites}
-    for suite in edition.suites:
-        for found in suite.found:
-            if found.stem not in STATED:
-                continue
-            for row in found.table[found.table["method"] == name].to_dict("records"):
-                of = said.setdefault((suite.name, str(row["scenario"])), {})
-                if row.get("score", "novelty") == "novelty":  # others are not of the method
-                    of |= row
-    rows: list[list[Text | Cell]] = [
-        [link(suite, files[suite], "../"), scenario, *_stated_cells(of)]
-        for (suite, scenario), of in said.items()
-        if of
-    ]
-    if not rows:
-        return None
-    heads = ["Suite", "Scenario", "Rank", "CRPS [S/m]", "In 95 %", "Place in 95 %", "AUROC"]
-    note = (
-        "Rank by CRPS, a proper score of stated uncertainty: the lower, the better. In 95 %: share "
-        "of pixels and of places whose truth lies in the region of that level. AUROC: how often "
-        "the novelty that it states is greater for a frame of a condition that it does not know "
-        "than for a familiar one; 0.5 is a coin."
-    )
-    return Table("What it says beside its images", heads, rows, note)
-
-
-def _stated_cells(row: Mapping[Hashable, Any]) -> list[Text | Cell]:
-    """Rank, CRPS, coverages and AUROC of a row of a finding, as far as it has them."""
-    forms = {
-        "rank": ".0f",
-        "crps": ".5f",
-        "coverage_95": ".1%",
-        "place_coverage_95": ".1%",
-        "auroc": ".3f",
-    }
-    found = ((row.get(key, math.nan), form) for key, form in forms.items())
-    return [
-        Cell("–" if value is None or math.isnan(value) else format(value, form), "number")
-        for value, form in found
-    ]
 
 
 def _cell(column: Column, row: Row, board: PrintedBoard) -> Cell:

@@ -45,15 +45,14 @@ from eitbench.reports.site.pages import (
     hidden_keys,
     hidden_table,
     matrix_table,
-    method_stated_table,
     overall_table,
     results_table,
     self_reported_table,
-    stated_tables,
     summary_table,
     told,
     training_cost,
 )
+from eitbench.reports.site.stated import method_stated_table, stated_tables
 from eitbench.reports.tables.columns import layout, printable
 from eitbench.reports.tables.gaps import run_tier
 from eitbench.reports.tables.references import (

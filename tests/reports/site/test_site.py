@@ -26,6 +26,7 @@ from eitbench.reports.site import pages
 from eitbench.reports.site.edition import Edition, editions
 from eitbench.reports.site.pages import hidden_keys
 from eitbench.reports.site.site import write_site
+from eitbench.reports.site.stated import method_stated_table, stated_tables
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.suites.suite import suites
@@ -198,15 +199,15 @@ def test_pages_have_what_methods_state_of_their_images(runs: Path) -> None:
         Finding("other", "Other", told, [["Method"]], ""),
     ]
     suite = replace(edition.suites[0], found=found)
-    first, second = pages.stated_tables(suite)
+    first, second = stated_tables(suite)
     assert (first.heads, second.heads) == (["Method", "Scenario", "#", "CRPS"], ["Method", "a"])
     assert first.rows == [["noser", ("a", ""), ("1", "number"), ("0.0123", "number")]]
-    table = pages.method_stated_table("noser", replace(edition, suites=[suite]))
+    table = method_stated_table("noser", replace(edition, suites=[suite]))
     assert table is not None
     assert [[str(getattr(cell, "text", cell)) for cell in row][1:] for row in table.rows] == [
         ["a", "1", "0.01234", "90.0%", "–", "0.750"]
     ]
-    assert pages.method_stated_table("tv", replace(edition, suites=[suite])) is None
+    assert method_stated_table("tv", replace(edition, suites=[suite])) is None
 
 
 def test_a_method_says_what_its_training_took(build: Any, dataset_of: Any, tmp_path: Path) -> None:
