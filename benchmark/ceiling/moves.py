@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, special
+from scipy.spatial import distance
 
 from eitbench.benchmark.ceiling.prior import FamilyPrior
 from eitbench.scenarios.arrays import Array, Index
@@ -29,6 +30,8 @@ LONGEST = 2.4
 """Length of steps, in standard deviations of a family over the root of the number of parameters."""
 BESIDE = 0.1
 """Part of a normal step that is added to one along a difference."""
+FREEDOM = 5
+"""Degrees of freedom of the distributions that vectors are scattered by: their tails are long."""
 RIDGE = 1e-3
 """Added to the squares of each term of an emulator: particles may be alike."""
 
@@ -158,6 +161,36 @@ class Moves:
         taken[taken] = self.prior.fitting(ahead.vectors[taken])
         after = now.where(tried[taken], State._make(values[taken] for values in ahead))
         return after, float(taken.sum() / count)
+
+    def scattered(self, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Vectors (m, P) about the particles, and the logarithms (m,) of the prior over their law.
+
+        That law is a mixture of Student's distributions, one about each particle (West, J. R. Stat.
+        Soc. B 55(2), 1993), as wide as Silverman's rule for normal kernels has it. Of `count`
+        vectors, those which stand for phantoms that fit into the sensor are returned.
+        """
+        number, width = self.coordinates.shape
+        root = (4 / (number * (width + 2))) ** (1 / (width + 4)) * self.root
+        tails = np.sqrt(FREEDOM / rng.chisquare(FREEDOM, (count, 1)))
+        steps = tails * rng.standard_normal((count, width)) @ root.T
+        coordinates = self.coordinates[rng.integers(number, size=count)] + steps
+        vectors = self.prior.parameters.bent(coordinates)
+        # The same phantom a turn further on would count again.
+        kept = np.isclose(vectors, self.prior.unwrapped(vectors, self.centre)).all(axis=1)
+        kept &= self.prior.standing(vectors, self.centre)
+        kept[kept] = self.prior.fitting(vectors[kept])
+        vectors, coordinates = vectors[kept], coordinates[kept]
+        white, about = (
+            linalg.solve_triangular(root, of.T, lower=True).T
+            for of in (coordinates, self.coordinates)
+        )
+        squares = distance.cdist(white, about, "sqeuclidean")
+        kernels = -(FREEDOM + width) / 2 * np.log1p(squares / FREEDOM)
+        constant = special.gammaln((FREEDOM + width) / 2) - special.gammaln(FREEDOM / 2)
+        constant -= width / 2 * math.log(FREEDOM * math.pi) + np.log(np.diag(root)).sum()
+        log_law = special.logsumexp(kernels, axis=1) - math.log(number) + constant
+        _, volume = self.prior.parameters.straightened(vectors)
+        return vectors, self.prior.log_density(vectors) + volume - log_law
 
     def _steps(self, count: int, proposals: Proposals, rng: np.random.Generator) -> Array:
         """Steps (count, P) of the longest length."""

@@ -60,6 +60,9 @@ CHECKED, BATCHES = 200, 10
 """Particles that are solved exactly at once in the end, and how often at most."""
 CORRECTED = 0.3
 """Effective number of their weights, over `CHECKED`, from which on they are the draws."""
+SCATTERED, TOLD = 4000, 0.02
+"""Vectors of a family that tell its evidence, and the effective share of them from which on they
+do."""
 LEAST = 1e-12
 """Of b, in the search for the first one."""
 
@@ -206,6 +209,42 @@ class _Annealing:
             self._move()
             self._sharpen(ENOUGH)
         self._move()
+        self._scatter()
+        self._move()
+
+    def _scatter(self) -> None:
+        """Find the evidence of families anew, by importance sampling about their particles.
+
+        Particles are drawn anew of these vectors: so much for what the many steps before have done
+        to the evidence, and to the shares of the modes of a family.
+        """
+        evidence, parts = self._log_evidence + self._log_likely, []
+        for family, (of, moves) in self._moves().items():
+            prior = self._models.priors[family]
+            vectors, log_weights = moves.scattered(SCATTERED, self._rng)
+            families, missing = np.full(len(vectors), family), self._particles.vectors.shape[1]
+            padded = np.pad(vectors, ((0, 0), (0, missing - vectors.shape[1])))
+            scattered = Particles(families, padded, self._models.quick(families, padded))
+            log_weights += self._log_likelihood(scattered)
+            if effective(log_weights) < TOLD * SCATTERED:
+                parts.append(self._particles.take(of))
+                continue
+            total = float(special.logsumexp(log_weights))
+            evidence[family] = math.log(prior.share) + total - math.log(SCATTERED)
+            chosen = resampled(special.softmax(log_weights), _particles(prior), self._rng)
+            parts.append(scattered.take(chosen))
+        self._particles = Particles._make(map(np.concatenate, zip(*parts, strict=True)))
+        self._log_evidence = float(special.logsumexp(evidence))
+        self._log_likely = evidence - self._log_evidence
+
+    def _moves(self) -> dict[int, tuple[Index, Moves]]:
+        """The numbers of the particles of each family, and their moves."""
+        predictions, found = self._stand_in(self._particles.quick), {}
+        for family, of in self._of(UNLIKELY).items():
+            prior = self._models.priors[family]
+            vectors = self._particles.vectors[of, : len(prior.parameters.low)]
+            found[family] = of, Moves.about(prior, vectors, predictions[of])
+        return found
 
     def _sharpen(self, enough: float) -> None:
         """Raise b, so that this share of every likely family stays effective."""
@@ -307,12 +346,7 @@ class _Annealing:
         what the likelihood rises more than the emulator's does (surrogate transition: Liu, Monte
         Carlo Strategies in Scientific Computing, 2001, 9.4.3).
         """
-        predictions = self._stand_in(self._particles.quick)
-        families = []
-        for family, of in self._of(UNLIKELY).items():
-            prior = self._models.priors[family]
-            vectors = self._particles.vectors[of, : len(prior.parameters.low)]
-            families.append((of, Moves.about(prior, vectors, predictions[of])))
+        families = list(self._moves().values())
         for length in CHAINS:
             now = self._particles
             other, risen = self._ahead(families, length)

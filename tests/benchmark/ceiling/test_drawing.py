@@ -25,6 +25,8 @@ from eitbench.scenarios.data.datasets import load
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import Suite, load_suite, scenario_by_name
 
+OLDER = 4
+"""Version of draws that stay where their own checks find nothing."""
 FAST = SimulatedScenario(
     name="few", image_shape=(24, 24), families=("circle",),
     noise=SplitNoise(test=25.0), train=0, validation=2, test=30,
@@ -121,13 +123,14 @@ def test_frames_of_the_record_are_not_drawn_again(
 def test_recorded_frames_stay_where_their_own_checks_find_nothing() -> None:
     frames = pd.DataFrame(
         [
-            {"version": drawing.VERSION - 1, "effective": 0.31, "rhat": 1.04},
-            {"version": drawing.VERSION - 1, "effective": 0.31, "rhat": 1.06},
-            {"version": drawing.VERSION - 1, "effective": 0.29, "rhat": 1.04},
+            {"version": OLDER, "effective": 0.31, "rhat": 1.04},
+            {"version": OLDER, "effective": 0.31, "rhat": 1.06},
+            {"version": OLDER, "effective": 0.29, "rhat": 1.04},
+            {"version": drawing.RETRACTED, "effective": 0.31, "rhat": 1.04},
             {"version": drawing.VERSION, "effective": 0.01, "rhat": 9.0},
         ]
     )
-    assert drawing._kept(frames).tolist() == [True, False, False, True]
+    assert drawing._kept(frames).tolist() == [True, False, False, False, True]
 
 
 @pytest.mark.slow
@@ -148,12 +151,12 @@ def test_frames_by_an_older_sampler_are_drawn_again(
         frames = write_record(
             tmp_path / "new", "own", [scenario], 4, tmp_path / "later", record=True
         )
-        assert frames["version"].tolist() == [drawing.VERSION] * 2 + [drawing.VERSION - 1] * 2
+        assert frames["version"].tolist() == [drawing.VERSION] * 2 + [OLDER] * 2
         assert frames["sample"].tolist() == [0, 1, 2, 3]
         np.testing.assert_allclose(frames["mse"][2:], older["mse"][2:], rtol=1e-5)
         about = json.loads((tmp_path / "later" / "own.json").read_text())
         versions = [run["sampler"]["version"] for run in [about, *about["earlier"]]]
-        assert versions == [drawing.VERSION, drawing.VERSION - 1]
+        assert versions == [drawing.VERSION, OLDER]
     finally:
         record._stored.cache_clear()
 
@@ -161,11 +164,11 @@ def test_frames_by_an_older_sampler_are_drawn_again(
 def write_older_record(
     scenario: SimulatedScenario, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> pd.DataFrame:
-    """Make the product's record one of `scenario`, by a sampler of the version before."""
+    """Make the product's record one of `scenario`, by a sampler of an earlier version."""
     monkeypatch.setattr(sampler, "PARTICLES", 6)
-    now, older = drawing.VERSION, drawing.VERSION - 1
+    now = drawing.VERSION
     for module in (drawing, figures):
-        monkeypatch.setattr(module, "VERSION", older)
+        monkeypatch.setattr(module, "VERSION", OLDER)
     draw_posteriors([scenario], folder / "old", scenario.test)
     frames = write_record(folder / "old", "own", [scenario], scenario.test, folder / "records")
     for module in (drawing, figures):

@@ -104,3 +104,17 @@ def test_moves_go_to_where_the_emulator_says(proposals: Proposals) -> None:
     places = state.vectors[:, :2]
     np.testing.assert_allclose(places.mean(axis=0), [0.4, 0.6], atol=4 * 0.02 / np.sqrt(300))
     np.testing.assert_allclose(places.std(axis=0), 0.02, rtol=0.15)
+
+
+@pytest.mark.parametrize("name", ["circle", "ring", "triangle", "rectangle", "two-circles"])
+def test_scattered_vectors_tell_the_integral_of_a_density(name: str) -> None:
+    """That of the law of phantoms is 1, and its conductivities are uniform."""
+    (prior,), rng = FamilyPrior.of(FAMILIES[name], SENSOR), np.random.default_rng(2)
+    moves = Moves.about(prior, prior.draw(200, rng), np.zeros((200, 1)))
+    vectors, log_weights = moves.scattered(5000, rng)
+    weights = np.exp(log_weights) / 5000
+    deviation = np.sqrt(weights @ weights)
+    assert deviation < 0.1
+    assert weights.sum() == pytest.approx(1, abs=4 * deviation)
+    scaled = (vectors[:, -1] - prior.parameters.low[-1]) / prior.parameters.span[-1]
+    assert weights @ scaled == pytest.approx(0.5, abs=4 * float(np.sqrt(weights**2 @ scaled**2)))

@@ -89,7 +89,7 @@ def test_mean_width_and_families_are_those_of_brute_force(
     variance = np.tensordot(weights, (painted - expected) ** 2, axes=1).mean()
     monkeypatch.setattr(sampler, "CORRECTED", enough)
     drawn = Sampler(models, begin, proposals).draws(frame, np.random.default_rng(2))
-    assert (len(drawn.weights) > CHECKED) == (enough > 1)
+    assert enough < 1 or len(drawn.weights) > CHECKED
     own = images(families, drawn.families, drawn.vectors)
     mean = np.tensordot(drawn.weights, own, axes=1)
     assert np.mean((mean - expected) ** 2) < 0.05 * variance
@@ -100,7 +100,7 @@ def test_mean_width_and_families_are_those_of_brute_force(
     np.testing.assert_allclose(likely, expected, atol=0.12)
     assert drawn.effective > max(0.5, enough)
     evidence = special.logsumexp(log_weights) - np.log(MANY)
-    assert drawn.log_evidence == pytest.approx(evidence, abs=0.3)
+    assert drawn.log_evidence == pytest.approx(evidence, abs=0.2)
 
 
 @pytest.mark.slow

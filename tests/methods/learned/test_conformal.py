@@ -82,6 +82,8 @@ def test_a_set_up_that_fails_leaves_the_reference_frame(monkeypatch: pytest.Monk
         raise InputError("too few")
 
     monkeypatch.setattr(conformal, "FrameNovelty", few)
+    monkeypatch.setattr(conformal, "FRAMES", 8)
+    monkeypatch.setattr(conformal, "HELD_OUT", 4)
     scenario = scenario_by_name("noise-50db")
     data = load(scenario, "validation", 12)
     problem = Problem(data.sensor, data.references[0], partial(load, scenario))
