@@ -113,7 +113,7 @@ def test_scattered_vectors_tell_the_integral_of_a_density(name: str) -> None:
     moves = Moves.about(prior, prior.draw(200, rng), np.zeros((200, 1)))
     vectors, log_weights = moves.scattered(5000, rng)
     weights = np.exp(log_weights) / 5000
-    deviation = np.sqrt(weights @ weights)
+    deviation = float(np.sqrt(weights @ weights))
     assert deviation < 0.1
     assert weights.sum() == pytest.approx(1, abs=4 * deviation)
     scaled = (vectors[:, -1] - prior.parameters.low[-1]) / prior.parameters.span[-1]
