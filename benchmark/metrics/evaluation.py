@@ -14,6 +14,7 @@ from eitbench.benchmark.metrics import ktc, tactile
 from eitbench.benchmark.metrics.image_metrics import cc, image_figures
 from eitbench.benchmark.metrics.load import LoadCalibration, fit_load
 from eitbench.benchmark.metrics.specs import METRIC_COLUMNS, bounded_score, score
+from eitbench.benchmark.metrics.threads import for_each
 from eitbench.scenarios.arrays import Array, nearest_pixels
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import Contacts, contacts, is_constant, locate
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 Columns = dict[str, NDArray[np.float64] | NDArray[np.bool_]]
 
-_BLOCK = 256
+_BLOCK = 64  # frames that a thread scores at once
 _REFITS = 5
 _TURNS = 24
 """Tried where the middles of touches may say nothing, each mirrored, too."""
@@ -79,13 +80,20 @@ class Scorer:
         for name in METRIC_COLUMNS:
             table[name] = np.nan
         table["cc_undefined"] = False
-        for start in range(0, len(images), _BLOCK):
+        found: dict[int, Columns] = {}
+
+        def score_block(start: int) -> None:
             rows = np.arange(start, min(start + _BLOCK, len(images)))
             figures = self._figures(rows, images[rows], registration)
             if calibration is not None:
                 figures |= _figures_of_loads(dataset, rows, images[rows], calibration)
-            for name, values in figures.items():
-                table.loc[rows, name] = values
+            found[start] = figures
+
+        starts = range(0, len(images), _BLOCK)
+        for_each(score_block, starts)
+        for start in starts:
+            for name, values in found[start].items():
+                table.loc[start : start + len(values) - 1, name] = values
         return table
 
     def _figures(

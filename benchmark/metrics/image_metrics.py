@@ -6,13 +6,11 @@ Truth `t` and estimate `p` are absolute conductivity (n, H, W) [S/m] on the same
 """
 
 from collections.abc import Iterator
-from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from eitbench.benchmark.metrics.threads import for_each, threads_for
 from eitbench.scenarios.arrays import Array, Mask
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.phantoms.contacts import is_constant
@@ -72,18 +70,11 @@ def ssim(
     weights = np.zeros((height, width))
     weights[: windows.shape[0], : windows.shape[1]] = windows / windows.sum()
     values = np.empty(n)
-    # BLAS rounds the last rows of a block otherwise: these are the blocks, and the last bits, of
-    # records that were made on as many cores.
-    threads = threads_for(-(-n // _BLOCK))
-    shares = pairwise(n * k // threads for k in range(threads + 1))
-
-    def fill(block: slice) -> None:
+    for block in _blocks(0, n, _BLOCK):
         x, y = (np.where(inside, of[block].astype(np.float64), 0.0).ravel() for of in (t, p))
         found = _ssim_maps(x, y, width, window, data_range)
         maps = np.pad(found, (0, len(x) - len(found))).reshape(-1, weights.size)
         values[block] = maps @ weights.ravel()
-
-    for_each(fill, [block for share in shares for block in _blocks(*share, _BLOCK)])
     return values
 
 

@@ -11,12 +11,8 @@ MOST = 4
 """More threads gain nothing: they wait for each other between two short array operations."""
 
 
-def threads_for(parts: int) -> int:
-    """Number of threads that work on so many parts."""
-    return max(1, min(MOST, os.cpu_count() or 1, parts))
-
-
 def for_each(function: Callable[[Part], None], parts: Sequence[Part]) -> None:
     """Call `function` with each of the `parts`, none of which depends on another one."""
-    with ThreadPoolExecutor(threads_for(len(parts))) as pool:
+    threads = max(1, min(MOST, os.cpu_count() or 1, len(parts)))
+    with ThreadPoolExecutor(threads) as pool:
         list(pool.map(function, parts))

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from eitbench.benchmark.metrics.metric_spec import MetricSpec
 from eitbench.benchmark.metrics.threads import for_each
 from eitbench.methods.method import DRAWS
-from eitbench.scenarios.arrays import Array
+from eitbench.scenarios.arrays import Array, Mask
 from eitbench.scenarios.compiling import compiled
 from eitbench.scenarios.phantoms.contacts import locate
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -177,59 +177,80 @@ def normal_draws(images: NDArray[np.floating[Any]], deviations: Array) -> NDArra
 
     Each pixel varies on its own. What does not fit single precision becomes infinite.
     """
-    offsets = np.random.default_rng(0).standard_normal((DRAWS, *images.shape[1:]))
+    offsets = _offsets(images.shape[1:])
     draws = np.empty((len(images), *offsets.shape), np.float32)
-
-    def fill(n: int) -> None:  # arrays of all frames would leave the cache
-        with np.errstate(over="ignore", invalid="ignore"):  # threads do not take over the caller's
-            exact = deviations[n] * offsets
-            draws[n] = np.add(images[n], exact, out=exact)
-
-    for_each(fill, range(len(images)))
+    for_each(lambda n: _fill_normal(draws[n], images[n], deviations[n], offsets), range(len(draws)))
     return draws
 
 
+@compiled
+def _fill_normal(
+    draws: NDArray[np.float32],
+    image: NDArray[np.floating[Any]],
+    deviation: NDArray[np.floating[Any]],
+    offsets: Array,
+) -> None:
+    """Fill in `draws` (K, H, W), each `offsets` (K, H, W) times `deviation` from `image` (H, W)."""
+    for k in range(len(draws)):
+        for i in range(draws.shape[1]):
+            for j in range(draws.shape[2]):
+                exact = np.float64(image[i, j]) + np.float64(deviation[i, j]) * offsets[k, i, j]
+                draws[k, i, j] = np.float32(exact)
+
+
+@cache
+def _offsets(shape: tuple[int, ...]) -> Array:
+    """Standard normal values (K, H, W), the same for all frames."""
+    return np.random.default_rng(0).standard_normal((DRAWS, *shape))
+
+
 def figures_of_draws(
-    truth: Array,
+    truth: NDArray[np.floating[Any]],
     draws: NDArray[np.floating[Any]],
-    image: Array,
+    images: NDArray[np.floating[Any]],
     data_range: float,
-    pixels: NDArray[np.intp] | None = None,
+    inside: Mask | None = None,
 ) -> dict[str, NDArray[np.float64]]:
-    """Figures of one frame from its pixels inside the sensor.
+    """Figures of frames from their pixels inside the sensor.
 
     Args:
-        truth: (P,) true conductivity [S/m], rounded as draws are, so that equal values are.
-        draws: (K, P) or with more pixels [S/m], which are rounded to single precision.
-        image: (P,) the estimate [S/m].
+        truth: (n, P) true conductivity [S/m], which is rounded to single precision, as draws are.
+        draws: (n, K, P) [S/m].
+        images: (n, P) the estimates [S/m].
         data_range: [S/m].
-        pixels: (P,) those of the draws; all by default.
+        inside: (P,) true for the pixels that count; all by default.
 
     Returns:
         By name, as `STORED` has them: `ranks` is the share of pixels with each rank, from 0 for
         those below all draws; `sparsified` is the mean |p - t| of the pixels left at each of
         `REMOVED`, by stated deviation and by error itself.
     """
-    draws, count = draws.astype(np.float32, copy=False), len(draws)
-    chosen = np.arange(len(truth)) if pixels is None else pixels
-    middle, distance, squares, apart, below, upto, span = _of_pixels(
-        truth, draws, chosen, _network(count)
-    )
+    single, drawn = (np.ascontiguousarray(of, dtype=np.float32) for of in (truth, draws))
+    count, network = draws.shape[1], _network(draws.shape[1])
+    sums = np.empty((len(draws), 7, truth.shape[1]))
+    for n in range(len(sums)):
+        _fill_sums(single[n], drawn[n], sums[n], network)
+    known, images = (of.astype(np.float64) for of in (single, images))
+    if inside is not None and not inside.all():
+        sums, known, images = sums[..., inside], known[:, inside], images[:, inside]
+    middle, distance, squares, apart, below, upto, span = sums.swapaxes(0, 1)
     crps = distance / count - apart / (count * (count - 1))
-    spread = np.sqrt(np.mean(squares / (count - 1)))
-    missed = np.sqrt(np.mean((middle - truth) ** 2))
-    errors = np.abs(image - truth)
-    by_both = np.stack([left_over(errors, squares), _means_of_least(np.sort(errors))])
-    area, whole = float(np.mean(by_both[0] - by_both[1])), float(errors.mean())
-    ranked = span > SPREAD * data_range
-    return {
-        "crps": crps.mean(),
-        "sharpness": spread,
-        "error_over_spread": missed / spread / np.sqrt(1 + 1 / count) if spread > 0 else NAN,
-        "ause": np.asarray(area / whole if whole > 0 else 0.0),
-        "ranks": rank_shares(below[ranked], upto[ranked], count),
-        "sparsified": by_both,
-    }
+    spread = np.sqrt(np.mean(squares / (count - 1), axis=1))
+    missed = np.sqrt(np.mean((middle - known) ** 2, axis=1))
+    errors = np.abs(images - known)
+    by_both = np.stack([left_over(errors, squares), _means_of_least(np.sort(errors))], axis=1)
+    area, whole = np.mean(by_both[:, 0] - by_both[:, 1], axis=1), errors.mean(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return {
+            "crps": crps.mean(axis=1),
+            "sharpness": spread,
+            "error_over_spread": np.where(
+                spread > 0, missed / spread / np.sqrt(1 + 1 / count), np.nan
+            ),
+            "ause": np.where(whole > 0, area / whole, 0.0),
+            "ranks": rank_shares(below, upto, span > SPREAD * data_range, count),
+            "sparsified": by_both,
+        }
 
 
 @cache
@@ -253,37 +274,47 @@ def _network(count: int) -> NDArray[np.int64]:
     return np.array(pairs, np.int64).reshape(-1, 2)
 
 
+_FEW = 4  # frames at once: fewer cost more steps, more do not fit into the cache
 _TILE = 128  # pixels, whose draws in single precision fit into the first cache
 
 
 @compiled
-def _of_pixels(
-    truth: Array,
+def _fill_sums(
+    truth: NDArray[np.float32],
     draws: NDArray[np.float32],
-    chosen: NDArray[np.intp],
+    sums: Array,
     network: NDArray[np.int64],
-) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
-    """Mean (P,) of the `draws` (K, ...) of each `chosen` pixel [S/m], and sums over them.
+) -> None:
+    """Fill in the mean (P,) of the `draws` (K, P) of each pixel [S/m], and sums over them.
 
-    Of distances from the truth [S/m], of squared distances from the mean [(S/m)^2], and of
-    distances between each two of them [S/m]; then the number of draws below the truth, and of those
-    not above it, and what truth and draws span [S/m]. The `network` sorts K values.
+    The `sums` (7, P) are, after the mean, those of distances from the truth (P,) [S/m], of squared
+    distances from the mean [(S/m)^2], and of distances between each two of them [S/m]; then the
+    number of draws below the truth, and of those not above it, and what truth and draws span [S/m].
+    The `network` sorts K values.
     """
-    count, pixels = len(draws), len(chosen)
-    distance, squares, apart = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)
-    below, upto, span = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)
-    middle = np.zeros(pixels)
+    count, pixels = draws.shape
     # Integers of the same bits are in the same order, and are compared eight at once.
     bits = np.zeros((count, _TILE), np.int32)
     ordered = bits.view(np.float32)
+    true, less, not_more = (
+        np.zeros(_TILE, np.float32),
+        np.zeros(_TILE, np.int32),
+        np.zeros(_TILE, np.int32),
+    )
     for start in range(0, pixels, _TILE):
-        tile = slice(start, min(start + _TILE, pixels))
-        true, mean, here = truth[tile], middle[tile], chosen[tile]
+        stop = min(start + _TILE, pixels)
+        size = stop - start
+        mean, from_true, from_mean = sums[0, start:stop], sums[1, start:stop], sums[2, start:stop]
+        both, below, upto = sums[3, start:stop], sums[4, start:stop], sums[5, start:stop]
+        span = sums[6, start:stop]
+        mean[:], from_true[:], from_mean[:], both[:] = 0.0, 0.0, 0.0, 0.0
+        true[:size] = truth[start:stop]
         for k in range(count):
-            for p in range(len(true)):
-                ordered[k, p] = draws[k, here[p]]
-                mean[p] += np.float64(ordered[k, p])
-        for p in range(len(true)):
+            row, here = draws[k, start:stop], ordered[k]
+            for p in range(size):
+                here[p] = row[p]
+                mean[p] += np.float64(row[p])
+        for p in range(size):
             mean[p] /= count
         _turn_negative(bits)
         for k in range(len(network)):
@@ -291,25 +322,24 @@ def _of_pixels(
             for p in range(_TILE):
                 low[p], high[p] = min(low[p], high[p]), max(low[p], high[p])
         _turn_negative(bits)
-        from_true, from_mean, both = distance[tile], squares[tile], apart[tile]
-        less, not_more, spans = below[tile], upto[tile], span[tile]
+        less[:], not_more[:] = 0, 0
+        median = ordered[count // 2]
         for k in range(count):
             # Of values in order, each is the larger one of k pairs, and the lesser one of the rest.
-            drawn, median, weight = ordered[k], ordered[count // 2], 2.0 * k - count + 1
-            for p in range(len(true)):
+            drawn, weight = ordered[k], 2.0 * k - count + 1
+            for p in range(size):
                 value = np.float64(drawn[p])
-                from_true[p] += abs(value - true[p])
+                from_true[p] += abs(value - np.float64(true[p]))
                 from_mean[p] += (value - mean[p]) ** 2
                 # Less the median, so that equal draws have no distance at all.
                 both[p] += weight * (value - np.float64(median[p]))
-            for p in range(len(true)):
-                value = np.float64(drawn[p])
-                less[p] += 1.0 if value < true[p] else 0.0
-                not_more[p] += 1.0 if value <= true[p] else 0.0
-        for p in range(len(true)):
-            most = max(np.float64(ordered[count - 1, p]), true[p])
-            spans[p] = most - min(np.float64(ordered[0, p]), true[p])
-    return middle, distance, squares, apart, below, upto, span
+            for p in range(_TILE):
+                less[p] += np.int32(drawn[p] < true[p])
+                not_more[p] += np.int32(drawn[p] <= true[p])
+        for p in range(size):
+            below[p], upto[p] = less[p], not_more[p]
+            most = max(np.float64(ordered[count - 1, p]), np.float64(true[p]))
+            span[p] = most - min(np.float64(ordered[0, p]), np.float64(true[p]))
 
 
 @compiled
@@ -321,35 +351,42 @@ def _turn_negative(bits: NDArray[np.int32]) -> None:
             row[p] ^= (row[p] >> 31) & 0x7FFFFFFF
 
 
-def rank_shares(below: Array, upto: Array, count: int) -> Array:
-    """Share (count + 1,) of pixels by the rank of the truth among `count` draws.
+def rank_shares(below: Array, upto: Array, ranked: Mask, count: int) -> Array:
+    """Share (n, count + 1) of the `ranked` pixels by the rank of the truth among `count` draws.
 
-    `below` and `upto` (P,) are the number of draws less than the truth of each, and of those not
+    `below` and `upto` (n, P) are the number of draws less than the truth of each, and of those not
     greater. A truth that equals draws has all ranks between with equal parts. NaN without pixels.
     """
-    part = 1 / (upto - below + 1)
-    first, behind = below.astype(np.int64), upto.astype(np.int64) + 1
-    steps = np.bincount(first, part, count + 2) - np.bincount(behind, part, count + 2)
-    return np.cumsum(steps)[:-1] / len(part) if len(part) else np.full(count + 1, np.nan)
+    part = np.where(ranked, 1 / (upto - below + 1), 0.0).ravel()
+    begin = (count + 2) * np.arange(len(below))[:, None]
+    steps = np.zeros((len(below), count + 2))
+    for ends, sign in ((below, 1), (upto + 1, -1)):
+        places = (begin + ends.astype(np.int64)).ravel()
+        steps += sign * np.bincount(places, part, steps.size).reshape(steps.shape)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.cumsum(steps, axis=1)[:, :-1] / ranked.sum(axis=1, keepdims=True))
 
 
 def left_over(errors: Array, by: Array) -> Array:
-    """Mean of the `errors` (P,) that are left at each of `REMOVED` when the largest `by` go.
+    """Mean (n, R) of the `errors` (n, P) left at each of `REMOVED` when the largest `by` go.
 
     Pixels of equal `by` go in any order: each counts as their mean.
     """
-    order = by.argsort()
-    ordered = by[order]
-    first = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
-    counts = np.diff(np.r_[first, len(by)])
-    kept = np.repeat(np.add.reduceat(errors[order], first) / counts, counts)
-    return _means_of_least(kept)
+    order = by.argsort(axis=1)
+    kept, ordered = (np.take_along_axis(of, order, axis=1) for of in (errors, by))
+    new = np.ones(by.shape, dtype=bool)
+    np.not_equal(ordered[:, 1:], ordered[:, :-1], out=new[:, 1:])
+    if not new.all():
+        first = np.flatnonzero(new)
+        counts = np.diff(np.append(first, by.size))
+        kept = np.repeat(np.add.reduceat(kept.ravel(), first) / counts, counts)
+    return _means_of_least(kept.reshape(by.shape))
 
 
 def _means_of_least(ordered: Array) -> Array:
-    """Mean of the first values of `ordered` (P,), as many as are left at each of `REMOVED`."""
-    left = np.maximum(1, np.round((1 - REMOVED) * len(ordered)).astype(int))
-    return np.asarray(np.cumsum(ordered)[left - 1] / left)
+    """Mean of the first values of `ordered` (n, P), as many as are left at each of `REMOVED`."""
+    left = np.maximum(1, np.round((1 - REMOVED) * ordered.shape[1]).astype(int))
+    return np.asarray(np.cumsum(ordered, axis=1)[:, left - 1] / left)
 
 
 def coverages(ranks: Array) -> dict[str, Array]:
@@ -407,27 +444,23 @@ def kept_of_draws(
     """
     kept = {name: np.full((len(draws), *shape), np.nan) for name, shape in STORED.items()}
     kept["placed"][:] = placed
-    pixels = np.flatnonzero(sensor.mask)
+    flat, inside = draws.reshape(*draws.shape[:2], -1), sensor.mask.ravel()
 
-    def fill(n: int) -> None:
+    def fill(rows: slice) -> None:
         if placed:
-            kept["places"][n] = locate(draws[n], sensor, sensor.background)
-        flat = draws[n].reshape(len(draws[n]), -1)
+            every = draws[rows].reshape(-1, *draws.shape[2:])
+            places = locate(every, sensor, sensor.background)
+            kept["places"][rows] = places.reshape(-1, draws.shape[1], 2)
         if truth is None:
-            inside = flat.take(pixels, axis=1)
-            kept["sharpness"][n] = np.sqrt(inside.var(axis=0, ddof=1, dtype=np.float64).mean())
+            variance = flat[rows].var(axis=1, ddof=1, dtype=np.float64)
+            kept["sharpness"][rows] = np.sqrt(variance[:, inside].mean(axis=1))
             return
-        found = figures_of_draws(
-            truth[n, sensor.mask].astype(np.float32).astype(np.float64),
-            flat,
-            images[n, sensor.mask].astype(np.float64),
-            sensor.data_range,
-            pixels,
-        )
+        known, seen = (of[rows].reshape(-1, inside.size) for of in (truth, images))
+        found = figures_of_draws(known, flat[rows], seen, sensor.data_range, inside)
         for name, value in found.items():
-            kept[name][n] = value
+            kept[name][rows] = value
 
-    for_each(fill, range(len(draws)))
+    for_each(fill, [slice(k, k + _FEW) for k in range(0, len(draws), _FEW)])
     return kept
 
 

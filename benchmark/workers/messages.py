@@ -24,7 +24,7 @@ MAX_ARRAYS = 2**28  # bytes: 32 images of the largest sensor, twice
 LARGEST = 1e9  # seconds, MiB
 # Kinds of failures that asking again sample by sample would not mend.
 BROKEN_CONTRACT = frozenset({"shape", "dtype", "mutated"})
-PIECE = 2**20  # bytes of an array that are sent at once
+PIECE = 2**17  # bytes of an array that are sent at once, which stay in the cache
 _ARRAY = "array of the message"
 _NO_ANSWER = "its process sent something that is no answer"
 

@@ -130,44 +130,47 @@ def locate(contrast: ArrayLike, sensor: Sensor, background: float = 0.0) -> Arra
     if values.dtype != np.float32:  # which is read as it is: draws are many
         values = values.astype(np.float64, copy=False)
     _require_images(values, sensor)
-    place, excess = np.empty((len(values), 2)), np.empty((_FEW, *sensor.mask.shape))
-    for start in range(0, len(values), _FEW):
-        images = values[start : start + _FEW]
-        _require_finite(images, sensor)
-        weight = excess[: len(images)]
-        _fill_excess(weight, images, background, sensor.mask)
-        total = weight.sum(axis=(1, 2))
-        found = np.stack([np.tensordot(weight, c, axes=2) for c in sensor.pixel_centres], axis=-1)
-        found[total == 0] = np.nan
-        place[start : start + _FEW] = found / np.where(total > 0, total, 1.0)[:, None]
+    place = np.empty((len(values), 2))
+    if not _fill_places(place, values, background, sensor.mask, *sensor.pixel_centres):
+        _require_finite(values, sensor)
     return place
 
 
-# Images at once: many short steps would make threads wait for each other. A multiple of 4, which
-# BLAS takes together, so that a place has the same last bits as of all images at once.
-_FEW = 20
-
-
 @compiled
-def _fill_excess(
-    excess: Array, images: NDArray[np.floating], background: float, mask: Mask
-) -> None:
-    """Fill in |contrast| in excess of a quarter of the largest of each image, 0 if constant."""
+def _fill_places(
+    place: Array, images: NDArray[np.floating], background: float, mask: Mask, x: Array, y: Array
+) -> bool:
+    """Fill in the `place` (n, 2) of each image; False where one is not finite inside the mask.
+
+    Pixels have their centres at `x` and `y` (H, W). All is kept by columns, which the processor
+    works on side by side.
+    """
     height, width = mask.shape
-    least, most = np.zeros(width), np.zeros(width)  # of columns, so that many are done at once
+    least, most = np.empty(width, images.dtype), np.empty(width, images.dtype)
+    unknown = np.zeros(width, np.int32)
+    weight, along, across = np.empty(width), np.empty(width), np.empty(width)
     for n in range(len(images)):
         least[:], most[:] = np.inf, -np.inf
         for i in range(height):
             for j in range(width):
-                value = np.float64(images[n, i, j]) - background
-                least[j] = value if mask[i, j] and value < least[j] else least[j]
-                most[j] = value if mask[i, j] and value > most[j] else most[j]
-        low, high = least.min(), most.max()
+                value, inside = images[n, i, j], mask[i, j]
+                unknown[j] += np.int32(inside and not abs(value) < np.inf)
+                least[j] = value if inside and value < least[j] else least[j]
+                most[j] = value if inside and value > most[j] else most[j]
+        low, high = np.float64(least.min()) - background, np.float64(most.max()) - background
         quarter = AMPLITUDE_FRACTION * max(abs(low), abs(high)) if low < high else np.inf
+        weight[:], along[:], across[:] = 0.0, 0.0, 0.0
         for i in range(height):
             for j in range(width):
                 over = abs(np.float64(images[n, i, j]) - background) - quarter
-                excess[n, i, j] = over if mask[i, j] and over > 0.0 else 0.0
+                excess = over if mask[i, j] and over > 0.0 else 0.0
+                weight[j] += excess
+                along[j] += excess * x[i, j]
+                across[j] += excess * y[i, j]
+        total = weight.sum()
+        place[n, 0] = along.sum() / total if total > 0.0 else np.nan
+        place[n, 1] = across.sum() / total if total > 0.0 else np.nan
+    return bool(unknown.sum() == 0)
 
 
 def _standing_out(contrast: ArrayLike, sensor: Sensor) -> tuple[Array, Array, Array]:

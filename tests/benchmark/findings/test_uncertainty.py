@@ -124,7 +124,8 @@ def test_figures_are_those_of_the_draws_of_each_frame(run: Run) -> None:
             for found in (method.reconstruct(frame), method.uncertainty(frame))
         )
         truth = data.conductivity[k][mask].astype(np.float32).astype(np.float64)
-        expected = figures_of_draws(truth, draws, image, data.sensor.data_range)
+        of_one = figures_of_draws(truth[None], draws[None], image[None], data.sensor.data_range)
+        expected = {name: values[0] for name, values in of_one.items()}
         for name in ("crps", "sharpness", "error_over_spread", "ause"):
             assert row[name] == pytest.approx(float(expected[name]), rel=1e-4)
         assert row["coverage_95"] == pytest.approx(expected["ranks"][1:-1].sum(), abs=1e-3)

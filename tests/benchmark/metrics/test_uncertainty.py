@@ -36,9 +36,31 @@ def normal(width: float = 1.0, shift: float = 0.0) -> tuple[Array, Array]:
     return truth, shift + width * rng.standard_normal((DRAWS, PIXELS))
 
 
+def figures(truth: Array, draws: Array, image: Array, data_range: float) -> dict[str, Array]:
+    """Figures of one frame, whose pixels all count."""
+    found = figures_of_draws(truth[None], draws[None], image[None], data_range)
+    return {name: values[0] for name, values in found.items()}
+
+
+def test_figures_of_several_frames_are_those_of_each_inside_the_sensor() -> None:
+    """Also of frames with equal deviations, or without a pixel that is ranked."""
+    rng = np.random.default_rng(12)
+    truth, draws = rng.random((3, 500)), rng.random((3, 7, 500))
+    draws[1], draws[2] = draws[1].round(1), truth[2]
+    images, inside = draws.mean(axis=1), rng.random(500) < 0.7
+    together = figures_of_draws(truth, draws, images, 1.0, inside)
+    draws[..., ~inside] = np.nan
+    for n in range(3):
+        alone = figures(truth[n, inside], draws[n][:, inside], images[n, inside], 1.0)
+        for name, values in alone.items():
+            np.testing.assert_allclose(together[name][n], values, rtol=1e-12)
+    assert np.isnan(together["ranks"][2]).all()
+    assert np.isfinite(together["ranks"][:2]).all()
+
+
 def ranks(truth: Array, draws: Array) -> Array:
     """Shares of pixels by rank, of those that span more than 0.01."""
-    return figures_of_draws(truth, draws, truth, 1.0)["ranks"]
+    return figures(truth, draws, truth, 1.0)["ranks"]
 
 
 @pytest.mark.parametrize("width", [0.5, 1.0, 2.0])
@@ -47,14 +69,14 @@ def test_crps_is_that_of_the_normal_distribution(width: float) -> None:
     truth, draws = normal(width)
     z = truth / width
     exact = width * (z * (2 * stats.norm.cdf(z) - 1) + 2 * stats.norm.pdf(z) - 1 / np.sqrt(np.pi))
-    found = figures_of_draws(truth, draws, 0 * truth, 1.0)
+    found = figures(truth, draws, 0 * truth, 1.0)
     assert found["crps"] == pytest.approx(exact.mean(), rel=0.01)
 
 
 def test_the_true_posterior_has_the_least_crps() -> None:
-    right = figures_of_draws(*normal(), np.zeros(PIXELS), 1.0)["crps"]
+    right = figures(*normal(), np.zeros(PIXELS), 1.0)["crps"]
     for wrong in (normal(0.7), normal(1.4), normal(1.0, 0.4)):
-        assert figures_of_draws(*wrong, np.zeros(PIXELS), 1.0)["crps"] > 1.01 * right
+        assert figures(*wrong, np.zeros(PIXELS), 1.0)["crps"] > 1.01 * right
 
 
 @pytest.mark.parametrize("count", [2, 3, 8, DRAWS])
@@ -63,14 +85,14 @@ def test_crps_is_its_formula_for_draws_of_few_values(count: int) -> None:
     draws, truth = rng.integers(-2, 3, (count, 3000)) / 8, rng.integers(-2, 3, 3000) / 8
     apart = np.abs(draws[:, None] - draws[None]).sum(axis=(0, 1)) / (2 * count * (count - 1))
     exact = np.abs(draws - truth).mean(axis=0) - apart
-    found = figures_of_draws(truth, draws, truth, 1.0)
+    found = figures(truth, draws, truth, 1.0)
     assert found["crps"] == pytest.approx(exact.mean(), rel=1e-12)
 
 
 def test_draws_of_one_image_have_the_absolute_error() -> None:
     truth, _ = normal()
     draws = np.full((DRAWS, PIXELS), 0.25)
-    found = figures_of_draws(truth, draws, draws[0], 1.0)
+    found = figures(truth, draws, draws[0], 1.0)
     assert found["crps"] == pytest.approx(np.abs(truth - 0.25).mean())
     assert found["sharpness"] == 0
     assert np.isnan(found["error_over_spread"])
@@ -80,8 +102,10 @@ def test_error_over_spread_of_a_right_posterior_is_1_even_of_few_degrees_of_free
     """Of images that vary as wholes each frame has one: the mean of its ratio would be 0.8."""
     rng = np.random.default_rng(10)
     together = rng.standard_normal((4000, DRAWS + 1, 1)) * np.ones(4)
-    ratios = [figures_of_draws(of[0], of[1:], of[1], 1.0)["error_over_spread"] for of in together]
-    rows = pd.DataFrame({"error_over_spread": np.array(ratios, float)})
+    ratios = figures_of_draws(together[:, 0], together[:, 1:], together[:, 1], 1.0)[
+        "error_over_spread"
+    ]
+    rows = pd.DataFrame({"error_over_spread": ratios})
     (found,) = root_mean_square(rows, np.ones((1, len(rows))))
     few = np.sqrt((DRAWS - 1) / (DRAWS - 3))  # the mean of 1 / s^2 of as many draws
     assert found == pytest.approx(few, abs=0.03)
@@ -89,7 +113,7 @@ def test_error_over_spread_of_a_right_posterior_is_1_even_of_few_degrees_of_free
 
 def test_sharpness_and_error_are_those_stated() -> None:
     for width in (0.5, 1.0):
-        found = figures_of_draws(*normal(width), np.zeros(PIXELS), 1.0)
+        found = figures(*normal(width), np.zeros(PIXELS), 1.0)
         assert found["sharpness"] == pytest.approx(width, rel=0.01)
         expected = np.sqrt((1 + width**2 / DRAWS) / (width**2 * (1 + 1 / DRAWS)))
         assert found["error_over_spread"] == pytest.approx(expected, rel=0.01)
@@ -132,12 +156,16 @@ def test_pixels_that_say_nothing_are_left_out() -> None:
 
 def test_sparsification_of_the_right_order_and_of_none() -> None:
     errors = np.abs(normal()[0])
-    np.testing.assert_allclose(left_over(errors, errors)[10], np.sort(errors)[: PIXELS // 2].mean())
     chance = np.random.default_rng(3).random(PIXELS)
-    np.testing.assert_allclose(left_over(errors, chance), errors.mean(), rtol=0.05)
-    assert len(left_over(np.ones(3), np.ones(3))) == len(REMOVED)
     equal = np.zeros(PIXELS)  # in whatever order pixels lie
-    np.testing.assert_allclose(left_over(np.sort(errors), equal), errors.mean())
+    rising = np.sort(errors)
+    right, none, alike = left_over(
+        np.stack([errors, errors, rising]), np.stack([errors, chance, equal])
+    )
+    np.testing.assert_allclose(right[10], rising[: PIXELS // 2].mean())
+    np.testing.assert_allclose(none, errors.mean(), rtol=0.05)
+    np.testing.assert_allclose(alike, errors.mean())
+    assert left_over(np.ones((1, 3)), np.ones((1, 3))).shape == (1, len(REMOVED))
 
 
 def test_ause_is_the_error_that_a_wrong_order_leaves_over_that_of_all() -> None:
@@ -147,7 +175,7 @@ def test_ause_is_the_error_that_a_wrong_order_leaves_over_that_of_all() -> None:
 
     def of(spread: Array) -> float:
         draws = np.outer([0, 0, 1, -1], spread)
-        return float(figures_of_draws(errors, draws, image, 1.0)["ause"])
+        return float(figures(errors, draws, image, 1.0)["ause"])
 
     assert of(errors) == pytest.approx(0, abs=1e-9)
     left = np.round(200 * (1 - np.array(REMOVED))).astype(int)
@@ -158,10 +186,10 @@ def test_ause_is_the_error_that_a_wrong_order_leaves_over_that_of_all() -> None:
 def test_pixels_that_say_nothing_are_those_of_a_share_of_the_range() -> None:
     truth, draws = normal()
     narrow = np.where(np.arange(PIXELS) % 2, 1e-3, 1.0)  # half of them vary by 0.5 % of the range
-    one = figures_of_draws(truth * narrow, draws * narrow, truth, 1.0)["ranks"]
-    seven = figures_of_draws(7 * truth * narrow, 7 * draws * narrow, truth, 7.0)["ranks"]
+    one = figures(truth * narrow, draws * narrow, truth, 1.0)["ranks"]
+    seven = figures(7 * truth * narrow, 7 * draws * narrow, truth, 7.0)["ranks"]
     np.testing.assert_allclose(one, seven)
-    every = figures_of_draws(7 * truth * narrow, 7 * draws * narrow, truth, 1.0)["ranks"]
+    every = figures(7 * truth * narrow, 7 * draws * narrow, truth, 1.0)["ranks"]
     assert np.abs(every - one).max() > 1e-4
 
 
