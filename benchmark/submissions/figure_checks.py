@@ -120,6 +120,10 @@ def failures_are_reported(of: Submission) -> str:
                 f"The status of {method!r} on {scenario!r} does not say which of its images are "
                 "whole."
             )
+        if not np.array_equal(whole, ordered["message"] == ""):
+            return (
+                f"Messages of {method!r} on {scenario!r} are not those of its failed samples alone."
+            )
         counted = {"n": len(ordered), "coverage": (ordered["status"] == "ok").mean()}
         cell = cells[scenario, method]
         if any(not np.isclose(cell[name], value).all() for name, value in counted.items()):

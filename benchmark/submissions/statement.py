@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
+from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 from pydantic import AfterValidator, Field, StringConstraints, ValidationError
 
 from eitbench.benchmark.rundir.folder import read_json_file
@@ -43,6 +44,15 @@ def _of_form(pattern: str, form: str) -> Callable[[str], str]:
         return text
 
     return check
+
+
+def _licence(text: str) -> str:
+    try:
+        return canonicalize_license_expression(text) if text else text
+    except InvalidLicenseExpression as error:
+        raise ValueError(
+            "it has to be an SPDX expression, such as MIT or LicenseRef-Mine"
+        ) from error
 
 
 _Line = Annotated[str, StringConstraints(max_length=200), AfterValidator(_visible)]
@@ -97,7 +107,7 @@ class Statement(Declaration):
     code: _Code = ""
     commit: _Commit = ""
     container: _Container = ""
-    licence: _Line = ""
+    licence: Annotated[_Line, AfterValidator(_licence)] = ""
     training_data: _Text = ""
     test_split_seen: bool | None = None
 

@@ -11,6 +11,7 @@ import numpy as np
 from eitbench.benchmark.metrics.specs import METRICS
 from eitbench.reports.figures.style import COLOURS, CONDUCTIVITY_MAP, STYLE, new_figure, svg
 from eitbench.reports.page.images import unpacked
+from eitbench.reports.tables.ceiling import ceiling_rows
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -63,7 +64,7 @@ def strip(images: Mapping[str, Any], label: str, positions: Sequence[int]) -> by
 
 
 def over_noise(boards: Sequence[BoardData], label: str) -> bytes | None:
-    """An SVG of PSNR against the noise of a suite, one method before all others.
+    """An SVG of PSNR against the noise of a suite, one method before all others and the ceiling.
 
     None where it is on fewer than three levels, or where scenarios of one level differ otherwise.
     """
@@ -78,8 +79,11 @@ def over_noise(boards: Sequence[BoardData], label: str) -> bytes | None:
     if len(dict(known)) < len(known):
         return None
     curves: dict[str, list[tuple[float, float]]] = {}
+    ceiling: list[tuple[float, float]] = []
     for level, board in known:
-        for row in board["views"][0]["rows"]:
+        rows = board["views"][0]["rows"]
+        ceiling += [(level, row["psnr"]) for row in ceiling_rows(rows)]
+        for row in rows:
             if row.get("psnr") is not None:
                 curves.setdefault(row["label"], []).append((level, row["psnr"]))
     if len(curves.get(label, ())) < 3:
@@ -96,6 +100,8 @@ def over_noise(boards: Sequence[BoardData], label: str) -> bytes | None:
                 marker="o" if chosen else None,
                 zorder=3 if chosen else 1,
             )
+        if len(ceiling) > 1:
+            axes.plot(*zip(*ceiling, strict=True), color="0.3", linewidth=1.2, linestyle="--")
         axes.set(xlabel="SNR of a frame [dB]", ylabel="PSNR [dB]")
         axes.grid(color="0.92")
         return svg(figure)

@@ -77,7 +77,8 @@ def ceiling(
         if refused and not which:
             raise refused[0]
         if refused:
-            warn(f"{len(refused)} of {len(declared)} scenarios are left out. {refused[0]}")
+            why = "\n".join(map(str, refused))
+            warn(f"{len(refused)} of {len(declared)} scenarios are left out:\n{why}")
     draw_posteriors(which, draws, samples, record=record, jobs=jobs, progress=not as_json)
     frames = write_record(draws, found.name, which, samples, out, record=record)
     rows = summary(frames).to_dict("records")

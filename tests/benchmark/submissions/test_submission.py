@@ -364,6 +364,7 @@ def copy_the_truth(run: Path, method: str = "my-noser") -> None:
         ),
         (drop_a_method, ROWS, "'my-noser' was not run on 'tiny'"),
         (set_in_a_row("status", "error"), FAILURES, "does not say which of its images are whole"),
+        (set_in_a_row("message", "looks fine"), FAILURES, "are not those of its failed samples"),
         (set_in_cells("n", 1), FAILURES, "counts other samples of"),
         (set_in_cells("coverage", 0.5), FAILURES, "counts other samples of"),
         (add_a_figure, BOARD, ""),

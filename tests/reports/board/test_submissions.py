@@ -231,6 +231,7 @@ def test_what_check_refuses_is_not_made_and_for_the_same_reason(run: Path, tmp_p
         ({"name": "\u202egpj.exe"}, "name: it holds the invisible character U+202E, leave it out."),
         ({"authors": ["A", "B\u200b"]}, "authors.1: it holds the invisible character U+200B"),
         ({"contact": "a@b\x85"}, "contact: it holds the invisible character U+0085"),
+        ({"licence": "as is"}, "licence: it has to be an SPDX expression, such as MIT"),
         ({"licence": "MIT\u2028"}, "licence: it holds the invisible character U+2028"),
         ({"training_data": "no\u2066ne"}, "training_data: it holds the invisible character U+2066"),
         ({"code": 'https://x"><script>'}, 'code: an address has no ", leave it out.'),
