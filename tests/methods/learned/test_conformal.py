@@ -44,7 +44,7 @@ def test_its_images_are_those_of_dnn_with_the_same_parameters(
 ) -> None:
     monkeypatch.setattr(conformal, "FRAMES", 24)
     monkeypatch.setattr(conformal, "HELD_OUT", 12)
-    scenario = scenario_by_name("noise-50db")
+    scenario = scenario_by_name("quick")
     test = load(scenario, "validation", 2)
     problem = Problem(test.sensor, test.references[0], partial(load, scenario))
     parameters = {"gain_power": 0.5, "amplification": 2.0}
@@ -84,7 +84,7 @@ def test_a_set_up_that_fails_leaves_the_reference_frame(monkeypatch: pytest.Monk
     monkeypatch.setattr(conformal, "FrameNovelty", few)
     monkeypatch.setattr(conformal, "FRAMES", 8)
     monkeypatch.setattr(conformal, "HELD_OUT", 4)
-    scenario = scenario_by_name("noise-50db")
+    scenario = scenario_by_name("quick")
     data = load(scenario, "validation", 12)
     problem = Problem(data.sensor, data.references[0], partial(load, scenario))
     before = problem.reference.copy()
