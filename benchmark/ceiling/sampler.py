@@ -63,6 +63,8 @@ CORRECTED = 0.3
 SCATTERED, TOLD = 4000, 0.02
 """Vectors of a family that tell its evidence, and the effective share of them from which on they
 do."""
+LOST = 1e-3
+"""Evidence of a run over the greatest one, below which it does not count."""
 LEAST = 1e-12
 """Of b, in the search for the first one."""
 
@@ -100,8 +102,8 @@ class Draws(NamedTuple):
         weights: (n,), which sum to 1.
         effective: how many particles exact weights leave effective, over `CHECKED`; below
             `CORRECTED` the draws are all particles, and not exact.
-        log_evidence: logarithm of the likelihood's mean over the prior, but for a constant of the
-            frame; by the stand-in where the draws are not exact.
+        log_evidence: logarithm of the exact likelihood's mean over the prior, but for a constant of
+            the frame; a rough one where the draws are not exact.
     """
 
     families: Index
@@ -115,11 +117,14 @@ def merged(runs: Sequence[Draws]) -> Draws:
     """The draws of several runs of a sampler together, of which the exact ones count, if any.
 
     Exact draws weigh as the evidence of their run, which is a mean over all that it saw (Del Moral,
-    Doucet and Jasra 2006, 3.2): a run that lost what is likely has a small one. Evidence by
-    different stand-ins says nothing of this kind, so that runs which are not exact weigh alike.
+    Doucet and Jasra 2006, 3.2): a run that lost what is likely has a small one. Where draws are not
+    exact their evidence is rough: it tells which runs have `LOST` what is likely, and the others
+    weigh alike.
     """
-    exact = [run for run in runs if run.effective >= CORRECTED]
-    some = exact or runs
+    most = max(run.log_evidence for run in runs)
+    found = [run for run in runs if run.log_evidence > most + math.log(LOST)]
+    exact = [run for run in found if run.effective >= CORRECTED]
+    some = exact or found
     shares = special.softmax([run.log_evidence if exact else 0.0 for run in some])
     return Draws(
         np.concatenate([run.families for run in some]),
@@ -323,13 +328,18 @@ class _Annealing:
             share = effective(weights) / CHECKED
             if share >= CORRECTED:
                 families, vectors, _ = map(np.concatenate, zip(*checked, strict=True))
-                evidence = self._log_evidence + float(special.logsumexp(weights))
-                evidence -= math.log(len(weights))
-                return Draws(families, vectors, special.softmax(weights), share, evidence)
+                exactly = special.softmax(weights)
+                return Draws(families, vectors, exactly, share, self._evidence(weights))
             if share / batches * BATCHES < CORRECTED:
                 break
             self._move()
-        return Draws(particles.families, particles.vectors, even, share, self._log_evidence)
+        families, vectors, _ = particles
+        return Draws(families, vectors, even, share, self._evidence(weights))
+
+    def _evidence(self, log_weights: Array) -> float:
+        """The evidence by exact weights (n,) of checked particles, over that of the stand-in."""
+        mean = special.logsumexp(log_weights) - math.log(len(log_weights))
+        return self._log_evidence + float(mean)
 
     def _even(self) -> Array:
         """Weights (n,) of the particles by which each family counts as it is likely."""

@@ -124,7 +124,7 @@ def run_of(effective: float, log_evidence: float, vector: float) -> Draws:
 
 def test_exact_runs_weigh_as_their_evidence() -> None:
     one, other = run_of(0.5, -700.0, 1.0), run_of(0.9, -700.0 + np.log(3), 2.0)
-    found = merged([one, run_of(0.1, 0.0, 3.0), other])
+    found = merged([one, run_of(0.1, -700.0, 3.0), other])
     np.testing.assert_allclose(found.weights, [0.0625, 0.1875, 0.1875, 0.5625])
     np.testing.assert_array_equal(found.vectors[:, 0], [1, 1, 2, 2])
     assert found.effective == 0.9
@@ -132,9 +132,15 @@ def test_exact_runs_weigh_as_their_evidence() -> None:
 
 
 def test_runs_of_which_none_is_exact_weigh_alike() -> None:
-    found = merged([run_of(0.1, 50.0, 1.0), run_of(0.2, 0.0, 2.0)])
+    found = merged([run_of(0.1, -705.0, 1.0), run_of(0.2, -700.0, 2.0)])
     np.testing.assert_allclose(found.weights, [0.125, 0.375, 0.125, 0.375])
     assert found.effective == 0.2
+
+
+def test_a_run_that_lost_what_is_likely_does_not_count_even_if_exact() -> None:
+    found = merged([run_of(0.9, -710.0, 1.0), run_of(0.1, -700.0, 2.0)])
+    np.testing.assert_array_equal(found.vectors[:, 0], [2, 2])
+    assert found.effective == 0.1
 
 
 @pytest.mark.slow
