@@ -48,7 +48,7 @@ VERSION, KEPT_RHAT, RUNS = 7, 1.05, 4
 their weights are exact and R-hat is below the second: as far as a frame's own checks can tell, they
 are right, and recorded ones by earlier versions stay. (A family or mode that both samplers lost is
 not seen. That samplers agree selects frames whose errors by chance are alike, so that the product
-of the errors is a little too large.) Where they are not, both samplers run again, so often in all
+of the errors is a little too large.) Where R-hat is not, both samplers run again, so often in all
 at most, and the draws of their runs are merged."""
 RETRACTED = 5
 """Version whose draws do not stay: its runs were merged by evidence of many steps, which erred by
@@ -268,9 +268,7 @@ def _draw(scenario: SimulatedScenario, frames: list[_Frame], session: int) -> No
 
 
 def _agree(drawn: Sequence[Draws], models: PhantomModels) -> bool:
-    """Whether draws of several samplers are exact and alike, see `KEPT_RHAT`."""
-    if min(draws.effective for draws in drawn) < CORRECTED:
-        return False
+    """Whether draws of several samplers are alike, see `KEPT_RHAT`."""
     families = [prior.parameters for prior in models.priors]
     nominal = families[0].sensor
     chains = [
