@@ -58,8 +58,9 @@ fit before, below which another one follows; the most such fits; and the solutio
 them a fit is to."""
 CHECKED, BATCHES = 200, 10
 """Particles that are solved exactly at once in the end, and how often at most."""
-CORRECTED = 0.3
-"""Effective number of their weights, over `CHECKED`, from which on they are the draws."""
+CORRECTED, AIMED = 0.3, 1.0
+"""Effective number of their weights, over `CHECKED`, from which on they are the draws, and at which
+no more are checked."""
 SCATTERED, TOLD = 4000, 0.02
 """Vectors of a family that tell its evidence, and the effective share of them from which on they
 do."""
@@ -85,6 +86,11 @@ class Particles(NamedTuple):
     def take(self, chosen: Index) -> Particles:
         """The particles of these numbers."""
         return Particles._make(values[chosen] for values in self)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Particles]) -> Particles:
+        """The particles of all parts."""
+        return cls._make(map(np.concatenate, zip(*parts, strict=True)))
 
     def where(self, chosen: Mask, other: Particles) -> Particles:
         """These particles, or those of `other` where `chosen` (n,) is true."""
@@ -238,7 +244,7 @@ class _Annealing:
             evidence[family] = math.log(prior.share) + total - math.log(SCATTERED)
             chosen = resampled(special.softmax(log_weights), _particles(prior), self._rng)
             parts.append(scattered.take(chosen))
-        self._particles = Particles._make(map(np.concatenate, zip(*parts, strict=True)))
+        self._particles = Particles.joined(parts)
         self._log_evidence = float(special.logsumexp(evidence))
         self._log_likely = evidence - self._log_evidence
 
@@ -315,7 +321,8 @@ class _Annealing:
     def draws(self) -> Draws:
         """The draws, by exact weights where these leave enough of them.
 
-        Particles are checked, and moved and checked again, until enough are effective.
+        Particles are checked, and moved and checked again, until as many are effective as is aimed
+        at, or it is hopeless that enough will be.
         """
         particles, even = self._particles, self._even()
         checked, log_weights, share = [], [], 0.0
@@ -326,13 +333,11 @@ class _Annealing:
             log_weights.append(self._frame.log_likelihood(exact) - self._log_likelihood(chosen))
             weights = np.concatenate(log_weights)
             share = effective(weights) / CHECKED
-            if share >= CORRECTED:
-                families, vectors, _ = map(np.concatenate, zip(*checked, strict=True))
-                exactly = special.softmax(weights)
-                return Draws(families, vectors, exactly, share, self._evidence(weights))
-            if share / batches * BATCHES < CORRECTED:
+            if share >= AIMED or share / batches * BATCHES < CORRECTED:
                 break
             self._move()
+        if share >= CORRECTED:
+            particles, even = Particles.joined(checked), special.softmax(weights)
         families, vectors, _ = particles
         return Draws(families, vectors, even, share, self._evidence(weights))
 

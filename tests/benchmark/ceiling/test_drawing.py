@@ -123,10 +123,10 @@ def test_frames_of_the_record_are_not_drawn_again(
 def test_recorded_frames_stay_where_their_own_checks_find_nothing() -> None:
     frames = pd.DataFrame(
         [
-            {"version": OLDER, "effective": 0.31, "rhat": 1.04},
+            {"version": OLDER, "effective": 0.31, "rhat": 1.01},
             {"version": OLDER, "effective": 0.31, "rhat": 1.06},
-            {"version": OLDER, "effective": 0.29, "rhat": 1.04},
-            {"version": drawing.RETRACTED, "effective": 0.31, "rhat": 1.04},
+            {"version": OLDER, "effective": 0.29, "rhat": 1.01},
+            {"version": drawing.RETRACTED, "effective": 0.31, "rhat": 1.01},
             {"version": drawing.VERSION, "effective": 0.01, "rhat": 9.0},
         ]
     )

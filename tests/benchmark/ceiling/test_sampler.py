@@ -87,7 +87,8 @@ def test_mean_width_and_families_are_those_of_brute_force(
     painted = images(families, of, vectors)
     expected = np.tensordot(weights, painted, axes=1)
     variance = np.tensordot(weights, (painted - expected) ** 2, axes=1).mean()
-    monkeypatch.setattr(sampler, "CORRECTED", enough)
+    for name in ("CORRECTED", "AIMED"):
+        monkeypatch.setattr(sampler, name, enough)
     drawn = Sampler(models, begin, proposals).draws(frame, np.random.default_rng(2))
     assert enough < 1 or len(drawn.weights) > CHECKED
     own = images(families, drawn.families, drawn.vectors)
