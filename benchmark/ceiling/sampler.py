@@ -11,13 +11,14 @@ raises b by as much as leaves the share `ENOUGH` of the particles of every likel
 draws them anew by their weights, and moves each within its family (`moves`). As particles close in,
 the stand-in is fitted anew to exact solutions of some of them; what that changes is part of the
 weights. A family has `PARTICLES` for each term of its emulator until it is given up; the products
-of their mean weights are its evidence, which says how likely it is.
+of their mean weights are its evidence, which says how likely it is. At b = 1 it is found anew by
+importance sampling about the particles (`moves.Moves.scattered`).
 
 In the end, `CHECKED` of the particles are solved exactly, and after further moves as many again,
 until their weights, the exact likelihood over that of the stand-in, leave enough of them: these are
 the draws. Where `BATCHES` of them would not do, for the frame tells which pixels of the data's mesh
 lie in a shape, the draws are of the posterior that takes this for noise. Weights cannot tell of a
-family or a mode that was lost on the way: only the other sampler can.
+family or a mode that was lost on the way: only another run or sampler can (`merged`).
 
 Two kinds of proposals make two samplers, see `moves`.
 """
@@ -226,8 +227,8 @@ class _Annealing:
     def _scatter(self) -> None:
         """Find the evidence of families anew, by importance sampling about their particles.
 
-        Particles are drawn anew of these vectors: so much for what the many steps before have done
-        to the evidence, and to the shares of the modes of a family.
+        Particles are drawn anew of these vectors. This takes out the errors that many steps leave
+        in the evidence, and in the shares of the modes of a family.
         """
         evidence, parts = self._log_evidence + self._log_likely, []
         for family, (of, moves) in self._moves().items():
@@ -237,7 +238,7 @@ class _Annealing:
             padded = np.pad(vectors, ((0, 0), (0, missing - vectors.shape[1])))
             scattered = Particles(families, padded, self._models.quick(families, padded))
             log_weights += self._log_likelihood(scattered)
-            if effective(log_weights) < TOLD * SCATTERED:
+            if not len(vectors) or effective(log_weights) < TOLD * SCATTERED:
                 parts.append(self._particles.take(of))
                 continue
             total = float(special.logsumexp(log_weights))
