@@ -469,6 +469,7 @@ def test_pixels_outside_of_the_sensor_hold_the_background() -> None:
     mask = np.hypot(*np.mgrid[-4:5, -4:5]) < 4
     images = np.where(mask, 0.2, np.full((2, 9, 9), 0.4)).astype(np.float32)
     rows = {"scenario": "a", "method": "m", "sample": [0, 1], "status": ["ok", "error"]}
+    rows["message"] = ["", "it failed"]
     images[1] = np.nan
     cells = pd.DataFrame([{"scenario": "a", "method": "m", "n": 2, "coverage": 0.5}])
     run = SimpleNamespace(samples=pd.DataFrame(rows), estimates=lambda *_: images, cells=cells)
