@@ -543,7 +543,7 @@ def board(run_builder: Any, dataset_of: Any, tmp_path: Path) -> Path:
         (path / "plugins" / f"{sha256[:16]}.py").write_text(f"# {name} <code>")
         with edited_manifest(path) as content:
             content["plan"]["plugins"] = [plugin]
-        (path / "submission.json").write_text(json.dumps(SAID | {"licence": f"of {name}"}))
+        (path / "submission.json").write_text(json.dumps(SAID | {"licence": f"LicenseRef-{name}"}))
     return folder
 
 
@@ -698,7 +698,7 @@ def test_what_an_author_states_stands_by_the_run_and_by_the_method(
     for page in ("suites/bench.html", "methods/mine.html"):
         text = (out / page).read_text()
         for said in (
-            "Mine of 2026", "A. Author, B. Other", "cccccccccc", "of tank", "of bench",
+            "Mine of 2026", "A. Author, B. Other", "cccccccccc", "LicenseRef-tank", "LicenseRef-bench",
             'href="https://example.org/mine"', "Nothing &lt;b&gt;at all&lt;/b&gt;.",
         ):  # fmt: skip
             assert said in text, said
