@@ -698,7 +698,8 @@ def test_what_an_author_states_stands_by_the_run_and_by_the_method(
     for page in ("suites/bench.html", "methods/mine.html"):
         text = (out / page).read_text()
         for said in (
-            "Mine of 2026", "A. Author, B. Other", "cccccccccc", "LicenseRef-tank", "LicenseRef-bench",
+            "Mine of 2026", "A. Author, B. Other", "cccccccccc", "LicenseRef-tank",
+            "LicenseRef-bench",
             'href="https://example.org/mine"', "Nothing &lt;b&gt;at all&lt;/b&gt;.",
         ):  # fmt: skip
             assert said in text, said
