@@ -50,9 +50,6 @@ are right, and recorded ones by earlier versions stay. (A family or mode that bo
 not seen. That samplers agree selects frames whose errors by chance are alike, so that the product
 of the errors is a little too large.) Where R-hat is not, both samplers run again, so often in all
 at most, and the draws of their runs are merged."""
-RETRACTED = 5
-"""Version whose draws do not stay: its runs were merged by evidence of many steps, which erred by
-factors of three to eight on the frame that was looked at (`noise-60db`, sample 24)."""
 CLEAN_DB, MOST_DB = 70.0, 80.0
 """SNR of the frames that stand for those without noise, whose posterior has no width, and the
 greatest one."""
@@ -191,8 +188,7 @@ def draw_posteriors(
 def _kept(recorded: pd.DataFrame) -> pd.Series:
     """True for recorded frames that need not be drawn anew."""
     agree = (recorded["effective"] >= CORRECTED) & (recorded["rhat"] < KEPT_RHAT)
-    stay = agree & (recorded["version"] != RETRACTED)
-    return stay | (recorded["version"] == VERSION)
+    return agree | (recorded["version"] == VERSION)
 
 
 def draws_of(

@@ -161,8 +161,6 @@ UNCERTAINTY = {
 }
 """The figures of stated uncertainty by name; methods are ranked by the first."""
 
-NAN = np.asarray(np.nan)
-
 SCALARS = ("crps", "sharpness", "error_over_spread", "ause", "uncertainty_ms")
 STORED: dict[str, tuple[int, ...]] = {
     **dict.fromkeys((*SCALARS, "placed"), ()),
