@@ -8,6 +8,7 @@ stopped goes on, and one with more samples adds to one with fewer.
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from collections.abc import Iterable, Sequence
 from functools import cache
@@ -38,18 +39,22 @@ from eitbench.scenarios.data.simulation import with_bar
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.interrupts import worker_pool
+from eitbench.scenarios.phantoms.phantom import Phantom
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 from eitbench.scenarios.suites.scenario import TOUCHES, Scenario, SimulatedScenario
 
-VERSION, KEPT_RHAT, RUNS = 8, 1.02, 4
+VERSION, KEPT_RHAT, RUNS = 9, 1.02, 4
 """The first is raised by one whenever a frame gives other draws than before. Draws are kept where
 their weights are exact and R-hat is below the second: as far as a frame's own checks can tell, they
-are right, and recorded ones by earlier versions stay. (A family or mode that both samplers lost is
-not seen. That samplers agree selects frames whose errors by chance are alike, so that the product
-of the errors is a little too large.) Where R-hat is not, both samplers run again, so often in all
-at most, and the draws of their runs are merged."""
+are right, and recorded ones by earlier versions stay. (That samplers agree selects frames whose
+errors by chance are alike, so that the product of the errors is a little too large.) Where R-hat is
+not, both samplers run again, so often in all at most, and the draws of their runs are merged."""
+SURPASSED = 3.0
+"""By how much the true phantom may explain a frame better than the draw that does so best. Where it
+is more, both samplers have lost what is likely: they run again, by exact solutions alone. The truth
+decides no more than this."""
 CLEAN_DB, MOST_DB = 70.0, 80.0
 """SNR of the frames that stand for those without noise, whose posterior has no width, and the
 greatest one."""
@@ -131,7 +136,7 @@ def priors_of(scenario: SimulatedScenario) -> tuple[FamilyPrior, ...]:
 
 
 class _Frame(NamedTuple):
-    """A frame (M,) [V/A] whose posterior is not drawn from yet, and the file of its draws."""
+    """A frame (M,) [V/A] of a phantom, not drawn from yet, and the file of its draws."""
 
     scenario: str
     sample: int
@@ -139,6 +144,7 @@ class _Frame(NamedTuple):
     voltages: np.ndarray
     input_hash: str
     path: Path
+    phantom: Phantom
 
 
 def draw_posteriors(
@@ -170,7 +176,8 @@ def draw_posteriors(
             path = _path(folder, scenario.name, sample)
             if sample not in recorded.index and _read(path, input_hash) is None:
                 snr_db, voltages = float(data.samples["snr_db"][sample]), data.voltages[sample]
-                frame = _Frame(scenario.name, sample, snr_db, voltages, input_hash, path)
+                phantom = data.phantoms[sample]
+                frame = _Frame(scenario.name, sample, snr_db, voltages, input_hash, path, phantom)
                 units.setdefault((law, sample // TOUCHES), (scenario, []))[1].append(frame)
     # First sessions first, so that what a stopped run leaves has the same phantoms everywhere.
     tasks = [
@@ -191,9 +198,20 @@ def _kept(recorded: pd.DataFrame) -> pd.Series:
     return agree | (recorded["version"] == VERSION)
 
 
-def draws_of(
-    folder: Path, scenario: str, sample: int, input_hash: str
-) -> dict[Proposals, Draws] | None:
+class Posterior(NamedTuple):
+    """What was drawn of one frame.
+
+    Attributes:
+        draws: by sampler.
+        surpassed: how much better the true phantom explains the frame than the draw that does so
+            best, as a difference of logarithms of the exact likelihood, see `SURPASSED`.
+    """
+
+    draws: dict[Proposals, Draws]
+    surpassed: float
+
+
+def draws_of(folder: Path, scenario: str, sample: int, input_hash: str) -> Posterior | None:
     """The draws of one frame; None where there are none.
 
     Raises:
@@ -202,9 +220,10 @@ def draws_of(
     found = _read(_path(folder, scenario, sample), input_hash)
     if found is None:
         return None
-    return {
+    draws = {
         name: Draws._make(found[f"{name}-{field}"] for field in Draws._fields) for name in PROPOSALS
     }
+    return Posterior(draws, float(found["surpassed"]))
 
 
 def _path(folder: Path, scenario: str, sample: int) -> Path:
@@ -247,19 +266,24 @@ def _draw(scenario: SimulatedScenario, frames: list[_Frame], session: int) -> No
     with threadpool_limits(1):
         for frame in frames:
             seen = models.frame(frame.voltages, frame.snr_db)
+            true = float(seen.log_likelihood(models.exact(*models.of_phantom(frame.phantom)))[0])
             runs: dict[Proposals, list[Draws]] = {name: [] for name in PROPOSALS}
+            surpassed = -math.inf
             for run in range(RUNS):
                 for name, draws in runs.items():
                     rng = generator("ceiling", frame.scenario, frame.sample, name, run)
-                    draws.append(sampler(name, run).draws(seen, rng))
+                    exactly = surpassed > SURPASSED
+                    draws.append(sampler(name, run).draws(seen, rng, exactly=exactly))
                 found = {name: merged(draws) for name, draws in runs.items()}
-                if _agree(list(found.values()), models):
+                surpassed = true - max(float(of.log_likelihoods.max()) for of in found.values())
+                if surpassed <= SURPASSED and _agree(list(found.values()), models):
                     break
             arrays = {
                 f"{name}-{field}": _compact(np.asarray(values))
                 for name, draws in found.items()
                 for field, values in draws._asdict().items()
             }
+            arrays["surpassed"] = _compact(np.asarray(surpassed))
             write_arrays(frame.path, arrays, _metadata(frame.input_hash))
 
 

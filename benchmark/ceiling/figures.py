@@ -71,6 +71,7 @@ def frames_table(
     product of both samplers' errors, in which the chance of their draws cancels, `mse_<proposals>`
     of each alone, and `expected_mse`, the variance of the posterior; `rhat`, the greatest of the
     traces; `effective`, of the draws of either sampler the lesser (`Draws.effective`);
+    `surpassed`, see `Posterior`, which frames by versions up to 8 lack;
     `rank_<trace>`, the share of draws below the truth; `true_<trace>` and `sd_<trace>`, the truth
     and the posterior's standard deviation; `likely_<family>`, the probabilities; `STATED`, the
     figures of the posterior as an uncertainty, and its curves as texts of numbers, see
@@ -92,8 +93,8 @@ def frames_table(
             drawn = draws_of(folder, scenario.name, sample, data.frame_hashes[sample])
             if drawn is None:
                 continue
-            row, mean = _frame(data, sample, truth[sample], drawn, families)
-            found.append(row)
+            row, mean = _frame(data, sample, truth[sample], drawn.draws, families)
+            found.append(row | {"surpassed": drawn.surpassed})
             estimates.append(mean)
             which.append(sample)
         of_scenario = [recorded[~recorded["sample"].isin(which)]]

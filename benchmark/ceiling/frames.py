@@ -23,6 +23,10 @@ class Errors(NamedTuple):
     directions: Array
     even: float
 
+    def part(self, share: float) -> Errors:
+        """Errors of this share of the variance."""
+        return Errors(share * self.variances, self.directions, share * self.even)
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:

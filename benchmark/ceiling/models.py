@@ -17,6 +17,7 @@ from eitbench.benchmark.ceiling.prior import FamilyPrior
 from eitbench.methods.shapes.fit import EDGE
 from eitbench.methods.shapes.parameters import Parameters
 from eitbench.scenarios.arrays import Array, Index
+from eitbench.scenarios.phantoms.phantom import Phantom
 from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.sensors.patterns import equal_noise
 from eitbench.scenarios.sensors.sensor import Sensor
@@ -61,6 +62,12 @@ class StandIn:
         errors = (missing - (quick - before) @ slopes) / (1 - leverage).clip(min=1e-3)[:, None]
         return cls(before, after, slopes, errors / np.sqrt(len(quick)))
 
+    @classmethod
+    def none(cls, size: int) -> StandIn:
+        """What leaves `size` predictions as they are."""
+        nothing = np.zeros(size)
+        return cls(nothing, nothing, np.zeros((size, size)), np.zeros((1, size)))
+
     def __call__(self, quick: Array) -> Array:
         """Predictions (n, K) [V/A]."""
         away = quick - self.before
@@ -95,6 +102,16 @@ class PhantomModels:
 
     def _painted(self, sensor: Sensor) -> list[Parameters]:
         return [Parameters(prior.parameters.family, sensor) for prior in self.priors]
+
+    def of_phantom(self, phantom: Phantom) -> tuple[Index, Array]:
+        """The number (1,) of the family of a phantom that `priors` draw, and its vector (1, P)."""
+        known = [prior.parameters.family.name == phantom.family for prior in self.priors]
+        if sum(known) > 1:  # a family of several shapes
+            known = [prior.shape == phantom.shape for prior in self.priors]
+        number = known.index(True)
+        width = max(len(prior.parameters.low) for prior in self.priors)
+        vector = self.priors[number].parameters.of_phantom(phantom)
+        return np.array([number]), np.pad(vector, (0, width - len(vector)))[None]
 
     def frame(self, voltages: Array, snr_db: float) -> Frame:
         """The frame `voltages` (M,) [V/A]."""

@@ -86,7 +86,8 @@ class FamilyPrior:
         return tuple(found)
 
     @property
-    def _shape(self) -> str:
+    def shape(self) -> str:
+        """Name of the shape."""
         return self.parameters.family.shapes[0].name
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
@@ -108,7 +109,7 @@ class FamilyPrior:
         order = self._orders[self._nearest(vectors, centre)]
         ordered = np.take_along_axis(parts, order[..., None], axis=1).reshape(vectors.shape)
         found = self.unwrapped(ordered, centre)
-        if self._shape == "rectangle":  # x, y, angle, width, height, level
+        if self.shape == "rectangle":  # x, y, angle, width, height, level
             of, about = self.parameters.parts(found), self.parameters.parts(centre[None])
             away = of[..., 2] - about[..., 2]
             turned = np.abs(away) > math.pi / 4
@@ -119,14 +120,14 @@ class FamilyPrior:
     def unwrapped(self, vectors: Array, centre: Array) -> Array:
         """Vectors (n, P) with angles within half of a period of those of a centre (P,)."""
         turns = ~np.isfinite(self.parameters.high)
-        period = PERIODS.get(self._shape, 2 * math.pi)
+        period = PERIODS.get(self.shape, 2 * math.pi)
         around = (vectors - centre + period / 2) % period + centre - period / 2
         return np.where(turns, around, vectors)
 
     def standing(self, vectors: Array, centre: Array) -> Mask:
         """True (n,) for unwrapped vectors (n, P) in their ranges that stand about a centre (P,)."""
         standing = self.parameters.within(vectors) & (self._nearest(vectors, centre) == 0)
-        if self._shape == "rectangle":
+        if self.shape == "rectangle":
             away = self.parameters.parts(vectors - centre)[..., 2]
             standing &= (np.abs(away) <= math.pi / 4).all(axis=1)
         return np.asarray(standing)
@@ -163,7 +164,7 @@ class FamilyPrior:
         scaled = ((2 * vectors[:, sized] - low - high) / (high - low)).reshape(
             len(vectors), count, -1
         )
-        if self._shape == "rectangle":
+        if self.shape == "rectangle":
             scaled = np.sort(scaled, axis=2)
         order = np.argsort(scaled[..., :1], axis=1)
         ordered = np.take_along_axis(scaled, order, axis=1).reshape(len(vectors), -1)

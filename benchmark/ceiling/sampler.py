@@ -16,9 +16,10 @@ importance sampling about the particles (`moves.Moves.scattered`).
 
 In the end, `CHECKED` of the particles are solved exactly, and after further moves as many again,
 until their weights, the exact likelihood over that of the stand-in, leave enough of them: these are
-the draws. Where `BATCHES` of them would not do, for the frame tells which pixels of the data's mesh
-lie in a shape, the draws are of the posterior that takes this for noise. Weights cannot tell of a
-family or a mode that was lost on the way: only another run or sampler can (`merged`).
+the draws. Where `BATCHES` of them would not do, for the frame tells the stand-in's errors from
+noise, particles go on by exact solutions alone: the errors stay noise at first, and become smaller
+step by step until there are none. Weights cannot tell of a family or a mode that was lost on the
+way: only another run or sampler can (`merged`), or one by exact solutions from the prior on.
 
 Two kinds of proposals make two samplers, see `moves`.
 """
@@ -33,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import optimize, special
 
-from eitbench.benchmark.ceiling.frames import Frame
+from eitbench.benchmark.ceiling.frames import Errors, Frame
 from eitbench.benchmark.ceiling.models import PhantomModels, StandIn
 from eitbench.benchmark.ceiling.moves import Moves, Proposals
 from eitbench.benchmark.ceiling.prior import FamilyPrior
@@ -57,11 +58,15 @@ SETTLED, FALLING, FITS, RECENT = 0.5, 0.8, 12, 3
 """Effective share that a fit at b = 1 leaves when it is the last one; its errors over those of the
 fit before, below which another one follows; the most such fits; and the solutions of how many of
 them a fit is to."""
-CHECKED, BATCHES = 200, 10
-"""Particles that are solved exactly at once in the end, and how often at most."""
-CORRECTED, AIMED = 0.3, 1.0
-"""Effective number of their weights, over `CHECKED`, from which on they are the draws, and at which
-no more are checked."""
+CHECKED, BATCHES, AIMED = 200, 5, 1.0
+"""Particles that are solved exactly at once in the end, how often at most, and the effective number
+of their weights, over `CHECKED`, from which on they are the draws."""
+FEW, STIRRED, AT_LAST = 4, 4, 4
+"""Particles that go on by exact solutions, for each term of an emulator, but at least `CHECKED`;
+how often they are moved at most in a step, until the share `ENOUGH` of them differ; and how often
+after the last step."""
+CORRECTED = 0.3
+"""`Draws.effective` from which on draws are taken for exact."""
 SCATTERED, TOLD = 4000, 0.02
 """Vectors of a family that tell its evidence, and the effective share of them from which on they
 do."""
@@ -77,12 +82,12 @@ class Particles(NamedTuple):
     Attributes:
         families: (n,) numbers of their families.
         vectors: (n, P) parameters, filled up with zeros.
-        quick: (n, K) predictions of the quick model [V/A].
+        predicted: (n, K) by the quick model, or by the exact one in the end [V/A].
     """
 
     families: Index
     vectors: Array
-    quick: Array
+    predicted: Array
 
     def take(self, chosen: Index) -> Particles:
         """The particles of these numbers."""
@@ -107,8 +112,10 @@ class Draws(NamedTuple):
     Attributes:
         families, vectors: as of `Particles`.
         weights: (n,), which sum to 1.
-        effective: how many particles exact weights leave effective, over `CHECKED`; below
-            `CORRECTED` the draws are all particles, and not exact.
+        log_likelihoods: (n,) exact ones, see `Frame`.
+        effective: how many particles exact weights leave effective, or how many differ where they
+            went on by exact solutions, over `CHECKED`; below `CORRECTED` they are not taken for
+            exact.
         log_evidence: logarithm of the exact likelihood's mean over the prior, but for a constant of
             the frame; a rough one where the draws are not exact.
     """
@@ -116,6 +123,7 @@ class Draws(NamedTuple):
     families: Index
     vectors: Array
     weights: Array
+    log_likelihoods: Array
     effective: float
     log_evidence: float
 
@@ -133,10 +141,14 @@ def merged(runs: Sequence[Draws]) -> Draws:
     exact = [run for run in found if run.effective >= CORRECTED]
     some = exact or found
     shares = special.softmax([run.log_evidence if exact else 0.0 for run in some])
+    families, vectors, weights, log_likelihoods = (
+        [run[field] for run in some] for field in range(4)
+    )
     return Draws(
-        np.concatenate([run.families for run in some]),
-        np.concatenate([run.vectors for run in some]),
-        np.concatenate([share * run.weights for share, run in zip(shares, some, strict=True)]),
+        np.concatenate(families),
+        np.concatenate(vectors),
+        np.concatenate([share * of for share, of in zip(shares, weights, strict=True)]),
+        np.concatenate(log_likelihoods),
         max(run.effective for run in some),
         float(special.logsumexp([run.log_evidence for run in some]) - math.log(len(some))),
     )
@@ -153,7 +165,17 @@ def library(models: PhantomModels, rng: np.random.Generator) -> Particles:
 
 def _particles(prior: FamilyPrior) -> int:
     """Particles of a family."""
-    return PARTICLES * math.comb(len(prior.parameters.low) + 2, 2)
+    return PARTICLES * _terms(prior)
+
+
+def _few(prior: FamilyPrior) -> int:
+    """Particles of a family that go on by exact solutions."""
+    return max(CHECKED, FEW * _terms(prior))
+
+
+def _terms(prior: FamilyPrior) -> int:
+    """Terms of the emulator of a family."""
+    return math.comb(len(prior.parameters.low) + 2, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,9 +192,11 @@ class Sampler:
     library: Particles
     proposals: Proposals
 
-    def draws(self, frame: Frame, rng: np.random.Generator) -> Draws:
-        """Draws of the posterior, given a frame."""
+    def draws(self, frame: Frame, rng: np.random.Generator, *, exactly: bool = False) -> Draws:
+        """Draws of the posterior, given a frame; without the stand-in if `exactly`, slowly."""
         annealing = _Annealing(self, frame, rng)
+        if exactly:
+            return annealing.exact_draws()
         annealing.run()
         return annealing.draws()
 
@@ -183,6 +207,7 @@ class _Annealing:
     def __init__(self, sampler: Sampler, frame: Frame, rng: np.random.Generator) -> None:
         self._models, self._proposals = sampler.models, sampler.proposals
         self._particles, self._frame, self._rng = sampler.library, frame, rng
+        self._predict, self._count = self._models.quick, _particles
         self._use(self._models.untouched())
         self._log_likely = np.log([prior.share for prior in self._models.priors])
         self._sharpness, self._stride, self._log_evidence = 0.0, 1.0, 0.0
@@ -194,7 +219,8 @@ class _Annealing:
     def _log_likelihood(self, particles: Particles, sharpness: float | None = None) -> Array:
         """log L_b (n,) of particles; b is that of now by default."""
         b = self._sharpness if sharpness is None else sharpness
-        return self._frame.log_likelihood(self._stand_in(particles.quick), b, self._errors)
+        predicted = self._stand_in(particles.predicted)
+        return self._frame.log_likelihood(predicted, b, self._errors)
 
     def _of(self, least: float) -> dict[int, Index]:
         """The numbers of the particles of each family that is at least so likely."""
@@ -236,7 +262,7 @@ class _Annealing:
             vectors, log_weights = moves.scattered(SCATTERED, self._rng)
             families, missing = np.full(len(vectors), family), self._particles.vectors.shape[1]
             padded = np.pad(vectors, ((0, 0), (0, missing - vectors.shape[1])))
-            scattered = Particles(families, padded, self._models.quick(families, padded))
+            scattered = Particles(families, padded, self._predict(families, padded))
             log_weights += self._log_likelihood(scattered)
             if not len(vectors) or effective(log_weights) < TOLD * SCATTERED:
                 parts.append(self._particles.take(of))
@@ -251,7 +277,7 @@ class _Annealing:
 
     def _moves(self) -> dict[int, tuple[Index, Moves]]:
         """The numbers of the particles of each family, and their moves."""
-        predictions, found = self._stand_in(self._particles.quick), {}
+        predictions, found = self._stand_in(self._particles.predicted), {}
         for family, of in self._of(UNLIKELY).items():
             prior = self._models.priors[family]
             vectors = self._particles.vectors[of, : len(prior.parameters.low)]
@@ -286,7 +312,7 @@ class _Annealing:
         chosen = self._particles.take(some)
         exact = self._models.exact(chosen.families, chosen.vectors)
         before = self._log_likelihood(self._particles)
-        pairs = [(chosen.quick, exact)]
+        pairs = [(chosen.predicted, exact)]
         if self._sharpness == 1:
             pairs = self._solved = [*self._solved[1 - RECENT :], *pairs]
         self._use(StandIn.fitted(*map(np.concatenate, zip(*pairs, strict=True))))
@@ -299,10 +325,11 @@ class _Annealing:
         self._draw_anew(change)
         return shares[0]
 
-    def _draw_anew(self, log_weights: Array) -> None:
+    def _draw_anew(self, log_weights: Array, least: float = UNLIKELY) -> None:
         """Draw particles by their weights, of each family as many as it is to have.
 
-        The mean weights are what the families become more or less likely by, and the evidence.
+        Families that are less than `least` likely are given up. The mean weights are what the
+        families become more or less likely by, and the evidence.
         """
         of = self._of(UNLIKELY)
         for family, some in of.items():
@@ -311,11 +338,11 @@ class _Annealing:
         risen = float(special.logsumexp(self._log_likely))
         self._log_likely -= risen
         self._log_evidence += risen
-        left = {family: some for family, some in of.items() if family in self._of(UNLIKELY)}
+        left = {family: some for family, some in of.items() if family in self._of(least)}
         self._log_likely[[k not in left for k in range(len(self._log_likely))]] = -np.inf
         chosen = []
         for family, some in left.items():
-            count, weights = _particles(self._models.priors[family]), log_weights[some]
+            count, weights = self._count(self._models.priors[family]), log_weights[some]
             chosen.append(some[resampled(special.softmax(weights), count, self._rng)])
         self._particles = self._particles.take(np.concatenate(chosen))
 
@@ -323,29 +350,100 @@ class _Annealing:
         """The draws, by exact weights where these leave enough of them.
 
         Particles are checked, and moved and checked again, until as many are effective as is aimed
-        at, or it is hopeless that enough will be.
+        at. Where it is hopeless that enough will be, they go on to the exact posterior themselves.
         """
-        particles, even = self._particles, self._even()
-        checked, log_weights, share = [], [], 0.0
+        checked, log_weights, log_likelihoods = [], [], []
         for batches in range(1, BATCHES + 1):
             chosen = self._particles.take(resampled(self._even(), CHECKED, self._rng))
             exact = self._models.exact(chosen.families, chosen.vectors)
             checked.append(chosen)
-            log_weights.append(self._frame.log_likelihood(exact) - self._log_likelihood(chosen))
+            log_likelihoods.append(self._frame.log_likelihood(exact))
+            log_weights.append(log_likelihoods[-1] - self._log_likelihood(chosen))
             weights = np.concatenate(log_weights)
             share = effective(weights) / CHECKED
-            if share >= AIMED or share / batches * BATCHES < CORRECTED:
+            if share >= AIMED:
                 break
+            if share / batches * BATCHES < AIMED:
+                return self._finished()
             self._move()
-        if share >= CORRECTED:
-            particles, even = Particles.joined(checked), special.softmax(weights)
-        families, vectors, _ = particles
-        return Draws(families, vectors, even, share, self._evidence(weights))
+        families, vectors, _ = Particles.joined(checked)
+        evidence = self._log_evidence + float(special.logsumexp(weights)) - math.log(len(weights))
+        weights, fits = special.softmax(weights), np.concatenate(log_likelihoods)
+        return Draws(families, vectors, weights, fits, share, evidence)
 
-    def _evidence(self, log_weights: Array) -> float:
-        """The evidence by exact weights (n,) of checked particles, over that of the stand-in."""
-        mean = special.logsumexp(log_weights) - math.log(len(log_weights))
-        return self._log_evidence + float(mean)
+    def exact_draws(self) -> Draws:
+        """The draws of particles that have gone by exact solutions alone all the way."""
+        of = self._of(LIKELY).items()
+        begin = [some[: LIBRARY * _few(self._models.priors[family])] for family, some in of]
+        self._solve(self._particles.take(np.concatenate(begin)))
+        self._sharpen(1 / LIBRARY)
+        while self._sharpness < 1:
+            self._stir()
+            self._sharpen(ENOUGH)
+        return self._last()
+
+    def _finished(self) -> Draws:
+        """The draws, after particles have gone to the exact posterior by exact solutions.
+
+        The errors of the stand-in are noise of exact predictions, too, but less with each step.
+        """
+        before, whole, left = self._log_likelihood(self._particles), self._errors, 1.0
+        self._solve(self._particles)
+        self._draw_anew(self._log_likelihood(self._particles) - before, LIKELY)
+        while left > 0:
+            self._stir()
+            left = self._less(whole, left)
+        return self._last()
+
+    def _solve(self, particles: Particles) -> None:
+        """Go on with particles by exact solutions alone."""
+        families, vectors, _ = particles
+        self._predict, self._count = self._models.exact, _few
+        self._particles = Particles(families, vectors, self._predict(families, vectors))
+        self._stand_in = StandIn.none(self._particles.predicted.shape[1])
+
+    def _last(self) -> Draws:
+        """The draws of particles at the exact posterior, as they move on."""
+        self._stir()
+        different = len(np.unique(self._particles.vectors, axis=0)) / CHECKED
+        parts = [self._particles]
+        for _ in range(AT_LAST):
+            self._move(CHAINS[-1:])
+            parts.append(self._particles)
+        families, vectors, predicted = Particles.joined(parts)
+        weights = np.tile(self._even() / len(parts), len(parts))
+        fits = self._frame.log_likelihood(predicted)
+        return Draws(families, vectors, weights, fits, different, self._log_evidence)
+
+    def _stir(self) -> None:
+        """Move the particles until enough of them differ."""
+        for _ in range(STIRRED):
+            self._move(CHAINS[-1:])
+            vectors = self._particles.vectors
+            if len(np.unique(vectors, axis=0)) >= ENOUGH * len(vectors):
+                break
+
+    def _less(self, whole: Errors, left: float) -> float:
+        """Make the noise by errors less than this part of the `whole`; return what is left of it.
+
+        By so much that every likely family stays effective.
+        """
+        now, of = self._log_likelihood(self._particles), self._of(LIKELY).values()
+        predicted = self._particles.predicted
+
+        def gain(part: float) -> Array:
+            return self._frame.log_likelihood(predicted, 1.0, whole.part(part)) - now
+
+        def surplus(log_part: float) -> float:
+            gained = gain(math.exp(log_part))
+            return min(effective(gained[some]) / len(some) for some in of) - ENOUGH
+
+        most, part = math.log(left), 0.0
+        if surplus(most + math.log(LEAST)) < 0:
+            part = math.exp(optimize.brentq(surplus, most + math.log(LEAST), most, xtol=0.02))
+        self._draw_anew(gain(part), LIKELY)
+        self._errors = whole.part(part)
+        return part
 
     def _even(self) -> Array:
         """Weights (n,) of the particles by which each family counts as it is likely."""
@@ -354,8 +452,8 @@ class _Annealing:
             weights[some] = math.exp(self._log_likely[family]) / len(some)
         return np.asarray(weights / weights.sum())
 
-    def _move(self) -> None:
-        """Metropolis steps of every particle, one for each of `CHAINS`.
+    def _move(self, chains: Sequence[int] = CHAINS) -> None:
+        """Metropolis steps of every particle, one for each of the `chains`.
 
         A step goes to the end of a chain of steps by the emulator alone. This chain is reversible
         with respect to the prior times the emulator's likelihood, so that its end is accepted by
@@ -363,7 +461,7 @@ class _Annealing:
         Carlo Strategies in Scientific Computing, 2001, 9.4.3).
         """
         families = list(self._moves().values())
-        for length in CHAINS:
+        for length in chains:
             now = self._particles
             other, risen = self._ahead(families, length)
             gain = self._log_likelihood(other) - self._log_likelihood(now) - risen
@@ -395,7 +493,7 @@ class _Annealing:
             other.vectors[of, :width] = state.vectors
             risen[of] = state.log_likelihood - begin.log_likelihood
             moved[of] = (state.vectors != begin.vectors).any(axis=1)
-        other.quick[moved] = self._models.quick(other.families[moved], other.vectors[moved])
+        other.predicted[moved] = self._predict(other.families[moved], other.vectors[moved])
         self._stride = min(self._stride * math.exp(float(np.mean(taken)) - ACCEPTED), 1.0)
         return other, risen
 

@@ -15,6 +15,7 @@ from eitbench.benchmark.analysis.results import read_run
 from eitbench.benchmark.ceiling import drawing, figures, record, sampler
 from eitbench.benchmark.ceiling.drawing import draw_posteriors, known_of, told
 from eitbench.benchmark.ceiling.figures import summary, write_record
+from eitbench.benchmark.ceiling.frames import Frame
 from eitbench.benchmark.ceiling.moves import PROPOSALS
 from eitbench.benchmark.ceiling.sampler import Draws
 from eitbench.benchmark.findings.uncertainty import read_uncertainty
@@ -22,6 +23,8 @@ from eitbench.benchmark.run.runner import make_plan, start_run
 from eitbench.reports.tables import ceiling
 from eitbench.reports.tables.boards import note, printed_boards
 from eitbench.scenarios.data.datasets import load
+from eitbench.scenarios.phantoms.phantom import rasterise
+from eitbench.scenarios.physics.forward import ForwardModel
 from eitbench.scenarios.suites.scenario import SimulatedScenario, SplitNoise
 from eitbench.scenarios.suites.suite import Suite, load_suite, scenario_by_name
 
@@ -244,10 +247,46 @@ def test_samplers_that_disagree_run_again(
     (sample,) = load(FAST, "test", 1).frame_hashes
     found = drawing.draws_of(tmp_path, FAST.name, 0, sample)
     assert found is not None
-    for draws in found.values():
+    assert found.surpassed <= drawing.SURPASSED
+    for draws in found.draws.values():
         assert draws.effective > sampler.CORRECTED
         assert len(draws.weights) >= runs * sampler.CHECKED
         assert draws.weights.sum() == pytest.approx(1, rel=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("few_draws")
+@pytest.mark.parametrize(("most", "exactly"), [(np.inf, [False]), (-np.inf, [False, True])])
+def test_samplers_that_lost_the_true_phantom_run_again_by_exact_solutions(
+    most: float, exactly: list[bool], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    draws = sampler.Sampler.draws
+
+    def spied(
+        self: sampler.Sampler, frame: Frame, rng: np.random.Generator, *, exactly: bool
+    ) -> Draws:
+        asked.append(exactly)
+        return draws(self, frame, rng, exactly=False)
+
+    monkeypatch.setattr(drawing, "KEPT_RHAT", np.inf)
+    monkeypatch.setattr(drawing, "SURPASSED", most)
+    monkeypatch.setattr(drawing, "RUNS", 2)
+    monkeypatch.setattr(sampler.Sampler, "draws", spied)
+    draw_posteriors([FAST], tmp_path, 1)
+    assert asked == [of for of in exactly for _ in PROPOSALS]
+    data = load(FAST, "test", 1)
+    found = drawing.draws_of(tmp_path, FAST.name, 0, data.frame_hashes[0])
+    assert found is not None
+    model = FAST.data_model("test", 0)
+    assert isinstance(model, ForwardModel)
+    exact = model.voltages(rasterise(data.phantoms[0], model.sensor))
+    count, snr_db = len(exact), float(data.samples["snr_db"][0])
+    deviation = np.sqrt(10 ** (-snr_db / 10) * np.mean(exact**2))
+    missing = np.sum((data.voltages[0] - exact) ** 2)
+    true = -count * np.log(deviation) - missing / (2 * deviation**2)
+    best = max(of.log_likelihoods.max() for of in found.draws.values())
+    assert found.surpassed == pytest.approx(true - best, abs=1e-3)
 
 
 @pytest.mark.nightly

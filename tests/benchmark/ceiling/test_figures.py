@@ -68,6 +68,7 @@ def test_the_squared_error_is_the_product_of_the_errors_of_two_samplers() -> Non
             np.zeros(2, int),
             priors[0].draw(2, np.random.default_rng(k)),
             weights,
+            np.zeros(2),
             effective=0.4 + 0.5 * k,
             log_evidence=0.0,
         )
@@ -122,7 +123,7 @@ def test_a_truth_that_all_draws_have_is_at_any_rank_and_families_weigh_as_their_
         (one,) = prior.draw(1, np.random.default_rng(k))
         vectors[k, : len(one)] = one
     which, weights = np.array([0, 1, 1]), np.array([0.5, 0.2, 0.3])
-    drawn = {name: Draws(which, vectors, weights, 1.0, 0.0) for name in PROPOSALS}
+    drawn = {name: Draws(which, vectors, weights, np.zeros(3), 1.0, 0.0) for name in PROPOSALS}
     families = [prior.parameters for prior in priors]
     (truth,) = images(families, which[:1], vectors[:1])
     found = []

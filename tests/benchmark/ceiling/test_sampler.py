@@ -1,5 +1,6 @@
 """Draws of the posterior beside the same by brute force."""
 
+import math
 from functools import cache
 
 import numpy as np
@@ -58,19 +59,26 @@ def made(
 @pytest.mark.parametrize(
     ("names", "name", "snr_db", "enough"),
     [
-        (NAMES, "circle", SNR_DB, sampler.CORRECTED),
-        (NAMES, "triangle", SNR_DB, sampler.CORRECTED),
+        (NAMES, "circle", SNR_DB, sampler.AIMED),
+        (NAMES, "triangle", SNR_DB, sampler.AIMED),
         (NAMES, "triangle", SNR_DB, 1.8),  # so that one batch of checked particles does not do
-        (SEVERAL, "two-circles", 10.0, sampler.CORRECTED),
-        (SOFT, "circle", SNR_DB, sampler.CORRECTED),
-        (SOFT, "soft-press", 6.0, sampler.CORRECTED),  # firm, and strong in the frame
+        (SEVERAL, "two-circles", 10.0, sampler.AIMED),
+        (SOFT, "circle", SNR_DB, sampler.AIMED),
+        (SOFT, "soft-press", 6.0, sampler.AIMED),  # firm, and strong in the frame
+        # No weights do, so that particles go on by exact solutions.
+        (NAMES, "triangle", SNR_DB, math.inf),
+        (SEVERAL, "two-circles", 10.0, math.inf),
+        (SOFT, "soft-press", 6.0, math.inf),
+        # Particles go by exact solutions all the way.
+        (NAMES, "triangle", SNR_DB, None),
+        (SEVERAL, "two-circles", 10.0, None),
     ],
 )
 def test_mean_width_and_families_are_those_of_brute_force(
     names: tuple[str, ...],
     name: str,
     snr_db: float,
-    enough: float,
+    enough: float | None,
     proposals: Proposals,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -87,10 +95,15 @@ def test_mean_width_and_families_are_those_of_brute_force(
     painted = images(families, of, vectors)
     expected = np.tensordot(weights, painted, axes=1)
     variance = np.tensordot(weights, (painted - expected) ** 2, axes=1).mean()
-    for name in ("CORRECTED", "AIMED"):
-        monkeypatch.setattr(sampler, name, enough)
-    drawn = Sampler(models, begin, proposals).draws(frame, np.random.default_rng(2))
-    assert enough < 1 or len(drawn.weights) > CHECKED
+    if enough is not None:
+        monkeypatch.setattr(sampler, "AIMED", enough)
+    drawn = Sampler(models, begin, proposals).draws(
+        frame, np.random.default_rng(2), exactly=enough is None
+    )
+    assert drawn.effective > (0.5 if enough in (None, math.inf) else enough)
+    assert enough == sampler.AIMED or len(drawn.weights) > CHECKED
+    fits = frame.log_likelihood(models.exact(drawn.families, drawn.vectors))
+    np.testing.assert_allclose(drawn.log_likelihoods, fits, rtol=1e-9)
     own = images(families, drawn.families, drawn.vectors)
     mean = np.tensordot(drawn.weights, own, axes=1)
     assert np.mean((mean - expected) ** 2) < 0.05 * variance
@@ -99,28 +112,15 @@ def test_mean_width_and_families_are_those_of_brute_force(
     likely = np.bincount(drawn.families, drawn.weights, minlength=len(families))
     expected = np.bincount(of, weights, minlength=len(families))
     np.testing.assert_allclose(likely, expected, atol=0.12)
-    assert drawn.effective > max(0.5, enough)
     evidence = special.logsumexp(log_weights) - np.log(MANY)
     assert drawn.log_evidence == pytest.approx(evidence, abs=0.2)
-
-
-@pytest.mark.slow
-def test_where_exact_weights_leave_too_few_the_draws_are_all_particles(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    models, begin, *_ = made()
-    frame = models.frame(ForwardModel(SENSOR).voltages(np.full((32, 32), 0.9)), SNR_DB)
-    monkeypatch.setattr(sampler, "CORRECTED", sampler.BATCHES)
-    drawn = Sampler(models, begin, "walk").draws(frame, np.random.default_rng(4))
-    assert 0 < drawn.effective < sampler.BATCHES
-    assert len(drawn.weights) > CHECKED
-    assert len(np.unique(drawn.weights)) <= len(NAMES)  # as likely as their family
 
 
 def run_of(effective: float, log_evidence: float, vector: float) -> Draws:
     """A run of two draws."""
     vectors, weights = np.full((2, 1), vector), np.array([0.25, 0.75])
-    return Draws(np.zeros(2, int), vectors, weights, effective, log_evidence)
+    fits = 10 * vectors[:, 0]
+    return Draws(np.zeros(2, int), vectors, weights, fits, effective, log_evidence)
 
 
 def test_exact_runs_weigh_as_their_evidence() -> None:
@@ -128,6 +128,7 @@ def test_exact_runs_weigh_as_their_evidence() -> None:
     found = merged([one, run_of(0.1, -700.0, 3.0), other])
     np.testing.assert_allclose(found.weights, [0.0625, 0.1875, 0.1875, 0.5625])
     np.testing.assert_array_equal(found.vectors[:, 0], [1, 1, 2, 2])
+    np.testing.assert_array_equal(found.log_likelihoods, [10, 10, 20, 20])
     assert found.effective == 0.9
     assert found.log_evidence == pytest.approx(-700 + np.log(2))
 
