@@ -31,6 +31,7 @@ from eitbench.benchmark.ceiling.sampler import (
     PARTICLES,
     Draws,
     Sampler,
+    draws_about,
     library,
     merged,
 )
@@ -53,8 +54,8 @@ errors by chance are alike, so that the product of the errors is a little too la
 not, both samplers run again, so often in all at most, and the draws of their runs are merged."""
 SURPASSED = 3.0
 """By how much the true phantom may explain a frame better than the draw that does so best. Where it
-is more, both samplers have lost what is likely: they run again, by exact solutions alone. The truth
-decides no more than this."""
+is more, both samplers have lost what is likely: more is drawn about the true phantom, and counts by
+its evidence."""
 CLEAN_DB, MOST_DB = 70.0, 80.0
 """SNR of the frames that stand for those without noise, whose posterior has no width, and the
 greatest one."""
@@ -266,14 +267,17 @@ def _draw(scenario: SimulatedScenario, frames: list[_Frame], session: int) -> No
     with threadpool_limits(1):
         for frame in frames:
             seen = models.frame(frame.voltages, frame.snr_db)
-            true = float(seen.log_likelihood(models.exact(*models.of_phantom(frame.phantom)))[0])
+            phantom = models.of_phantom(frame.phantom)
+            true = float(seen.log_likelihood(models.exact(*phantom))[0])
             runs: dict[Proposals, list[Draws]] = {name: [] for name in PROPOSALS}
             surpassed = -math.inf
             for run in range(RUNS):
                 for name, draws in runs.items():
                     rng = generator("ceiling", frame.scenario, frame.sample, name, run)
-                    exactly = surpassed > SURPASSED
-                    draws.append(sampler(name, run).draws(seen, rng, exactly=exactly))
+                    if surpassed > SURPASSED:
+                        draws.append(draws_about(models, *phantom, seen, rng))
+                    else:
+                        draws.append(sampler(name, run).draws(seen, rng))
                 found = {name: merged(draws) for name, draws in runs.items()}
                 surpassed = true - max(float(of.log_likelihoods.max()) for of in found.values())
                 if surpassed <= SURPASSED and _agree(list(found.values()), models):

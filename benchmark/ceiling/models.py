@@ -105,10 +105,12 @@ class PhantomModels:
 
     def of_phantom(self, phantom: Phantom) -> tuple[Index, Array]:
         """The number (1,) of the family of a phantom that `priors` draw, and its vector (1, P)."""
-        known = [prior.parameters.family.name == phantom.family for prior in self.priors]
-        if sum(known) > 1:  # a family of several shapes
-            known = [prior.shape == phantom.shape for prior in self.priors]
-        number = known.index(True)
+        number = next(
+            number
+            for number, prior in enumerate(self.priors)
+            if prior.parameters.family.name == phantom.family
+            and phantom.shape in (prior.shape, phantom.family)  # the one of a family of one shape
+        )
         width = max(len(prior.parameters.low) for prior in self.priors)
         vector = self.priors[number].parameters.of_phantom(phantom)
         return np.array([number]), np.pad(vector, (0, width - len(vector)))[None]

@@ -170,27 +170,38 @@ class Moves:
         vectors, those which stand for phantoms that fit into the sensor are returned.
         """
         number, width = self.coordinates.shape
-        root = (4 / (number * (width + 2))) ** (1 / (width + 4)) * self.root
         tails = np.sqrt(FREEDOM / rng.chisquare(FREEDOM, (count, 1)))
-        steps = tails * rng.standard_normal((count, width)) @ root.T
+        steps = tails * rng.standard_normal((count, width)) @ self._kernel.T
         coordinates = self.coordinates[rng.integers(number, size=count)] + steps
         vectors = self.prior.parameters.bent(coordinates)
         # The same phantom a turn further on would count again.
         kept = np.isclose(vectors, self.prior.unwrapped(vectors, self.centre)).all(axis=1)
         kept &= self.prior.standing(vectors, self.centre)
         kept[kept] = self.prior.fitting(vectors[kept])
-        vectors, coordinates = vectors[kept], coordinates[kept]
+        vectors = vectors[kept]
+        return vectors, self.prior.log_density(vectors) - self.log_law(vectors)
+
+    def log_law(self, vectors: Array) -> Array:
+        """Logarithms (n,) of the density over vectors that `scattered` draws phantoms by."""
+        arranged = self.prior.arranged(vectors, self.centre)
+        coordinates, volume = self.prior.parameters.straightened(arranged)
+        number, width = self.coordinates.shape
         white, about = (
-            linalg.solve_triangular(root, of.T, lower=True).T
+            linalg.solve_triangular(self._kernel, of.T, lower=True).T
             for of in (coordinates, self.coordinates)
         )
         squares = distance.cdist(white, about, "sqeuclidean")
         kernels = -(FREEDOM + width) / 2 * np.log1p(squares / FREEDOM)
         constant = special.gammaln((FREEDOM + width) / 2) - special.gammaln(FREEDOM / 2)
-        constant -= width / 2 * math.log(FREEDOM * math.pi) + np.log(np.diag(root)).sum()
-        log_law = special.logsumexp(kernels, axis=1) - math.log(number) + constant
-        _, volume = self.prior.parameters.straightened(vectors)
-        return vectors, self.prior.log_density(vectors) + volume - log_law
+        constant -= width / 2 * math.log(FREEDOM * math.pi)
+        constant -= np.log(np.diag(self._kernel)).sum()
+        return np.asarray(special.logsumexp(kernels, axis=1) - math.log(number) + constant - volume)
+
+    @property
+    def _kernel(self) -> Array:
+        """Root (P, P) of the covariance of the law about each particle."""
+        number, width = self.coordinates.shape
+        return np.asarray((4 / (number * (width + 2))) ** (1 / (width + 4)) * self.root)
 
     def _steps(self, count: int, proposals: Proposals, rng: np.random.Generator) -> Array:
         """Steps (count, P) of the longest length."""

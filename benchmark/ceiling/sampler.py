@@ -19,7 +19,8 @@ until their weights, the exact likelihood over that of the stand-in, leave enoug
 the draws. Where `BATCHES` of them would not do, for the frame tells the stand-in's errors from
 noise, particles go on by exact solutions alone: the errors stay noise at first, and become smaller
 step by step until there are none. Weights cannot tell of a family or a mode that was lost on the
-way: only another run or sampler can (`merged`), or one by exact solutions from the prior on.
+way: only another run or sampler can (`merged`), or a phantom that explains the frame better, about
+which `draws_about` draws.
 
 Two kinds of proposals make two samplers, see `moves`.
 """
@@ -61,10 +62,13 @@ them a fit is to."""
 CHECKED, BATCHES, AIMED = 200, 5, 1.0
 """Particles that are solved exactly at once in the end, how often at most, and the effective number
 of their weights, over `CHECKED`, from which on they are the draws."""
-FEW, STIRRED, AT_LAST = 4, 4, 4
+FEW, STIRRED, AT_LAST = 4, 4, 8
 """Particles that go on by exact solutions, for each term of an emulator, but at least `CHECKED`;
 how often they are moved at most in a step, until the share `ENOUGH` of them differ; and how often
 after the last step."""
+POPULATION, POPULATIONS, NEAR = 400, 24, 0.1
+"""Vectors that are drawn about others, how often at most, and how far from a phantom the first ones
+lie, over `parameters.STEP`."""
 CORRECTED = 0.3
 """`Draws.effective` from which on draws are taken for exact."""
 SCATTERED, TOLD = 4000, 0.02
@@ -192,13 +196,55 @@ class Sampler:
     library: Particles
     proposals: Proposals
 
-    def draws(self, frame: Frame, rng: np.random.Generator, *, exactly: bool = False) -> Draws:
-        """Draws of the posterior, given a frame; without the stand-in if `exactly`, slowly."""
+    def draws(self, frame: Frame, rng: np.random.Generator) -> Draws:
+        """Draws of the posterior, given a frame."""
         annealing = _Annealing(self, frame, rng)
-        if exactly:
-            return annealing.exact_draws()
         annealing.run()
         return annealing.draws()
+
+
+def draws_about(
+    models: PhantomModels, family: Index, vector: Array, frame: Frame, rng: np.random.Generator
+) -> Draws:
+    """Draws of the part of the posterior that a phantom lies in, given a frame.
+
+    By importance sampling with exact weights, again and again about what was drawn before; a weight
+    is over the mixture of all laws so far (adaptive multiple importance sampling: Cornuet, Marin,
+    Mira and Robert, Scand. J. Stat. 39(4), 2012). The evidence is that of the
+    part that was reached, and rough: less than the whole by half a nat where the posterior is
+    smooth, by more where it falls into pieces. So such draws tell that something likely was lost,
+    and never count too much in `merged`.
+
+    Args:
+        models: of the unit that the frame comes from.
+        family: (1,) number of the phantom's.
+        vector: (1, P) of the phantom.
+        frame: the frame.
+        rng: random numbers.
+    """
+    prior = models.priors[int(family[0])]
+    width, missing = len(prior.parameters.low), vector.shape[1] - len(prior.parameters.low)
+    jitter = NEAR * prior.parameters.step * rng.standard_normal((CHECKED, width))
+    vectors = vector[:, :width] + jitter
+    laws: list[Moves] = []
+    drawn, fits = np.zeros((0, width)), np.zeros(0)
+    for _ in range(POPULATIONS):
+        laws.append(Moves.about(prior, vectors, np.zeros((len(vectors), 1))))
+        new, _ = laws[-1].scattered(POPULATION, rng)
+        padded = np.pad(new, ((0, 0), (0, missing)))
+        exact = models.exact(np.full(len(new), family[0]), padded)
+        drawn, fits = np.concatenate([drawn, new]), np.append(fits, frame.log_likelihood(exact))
+        log_law = special.logsumexp([law.log_law(drawn) for law in laws], axis=0)
+        log_weights = prior.log_density(drawn) + fits - log_law - math.log(POPULATION)
+        share, power = effective(log_weights) / CHECKED, 1.0
+        if share >= AIMED:
+            break
+        while effective(power * log_weights) < ENOUGH * CHECKED and power > LEAST:
+            power *= FALL
+        vectors = drawn[resampled(special.softmax(power * log_weights), CHECKED, rng)]
+    evidence = math.log(prior.share) + float(special.logsumexp(log_weights))
+    families, drawn = np.full(len(drawn), family[0]), np.pad(drawn, ((0, 0), (0, missing)))
+    return Draws(families, drawn, special.softmax(log_weights), fits, share, evidence)
 
 
 class _Annealing:
@@ -371,36 +417,21 @@ class _Annealing:
         weights, fits = special.softmax(weights), np.concatenate(log_likelihoods)
         return Draws(families, vectors, weights, fits, share, evidence)
 
-    def exact_draws(self) -> Draws:
-        """The draws of particles that have gone by exact solutions alone all the way."""
-        of = self._of(LIKELY).items()
-        begin = [some[: LIBRARY * _few(self._models.priors[family])] for family, some in of]
-        self._solve(self._particles.take(np.concatenate(begin)))
-        self._sharpen(1 / LIBRARY)
-        while self._sharpness < 1:
-            self._stir()
-            self._sharpen(ENOUGH)
-        return self._last()
-
     def _finished(self) -> Draws:
         """The draws, after particles have gone to the exact posterior by exact solutions.
 
         The errors of the stand-in are noise of exact predictions, too, but less with each step.
         """
         before, whole, left = self._log_likelihood(self._particles), self._errors, 1.0
-        self._solve(self._particles)
+        self._predict, self._count = self._models.exact, _few
+        families, vectors, _ = self._particles
+        self._particles = Particles(families, vectors, self._predict(families, vectors))
+        self._stand_in = StandIn.none(self._particles.predicted.shape[1])
         self._draw_anew(self._log_likelihood(self._particles) - before, LIKELY)
         while left > 0:
             self._stir()
             left = self._less(whole, left)
         return self._last()
-
-    def _solve(self, particles: Particles) -> None:
-        """Go on with particles by exact solutions alone."""
-        families, vectors, _ = particles
-        self._predict, self._count = self._models.exact, _few
-        self._particles = Particles(families, vectors, self._predict(families, vectors))
-        self._stand_in = StandIn.none(self._particles.predicted.shape[1])
 
     def _last(self) -> Draws:
         """The draws of particles at the exact posterior, as they move on."""

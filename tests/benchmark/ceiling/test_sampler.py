@@ -18,6 +18,7 @@ from eitbench.benchmark.ceiling.sampler import (
     Draws,
     Particles,
     Sampler,
+    draws_about,
     effective,
     library,
     merged,
@@ -69,16 +70,13 @@ def made(
         (NAMES, "triangle", SNR_DB, math.inf),
         (SEVERAL, "two-circles", 10.0, math.inf),
         (SOFT, "soft-press", 6.0, math.inf),
-        # Particles go by exact solutions all the way.
-        (NAMES, "triangle", SNR_DB, None),
-        (SEVERAL, "two-circles", 10.0, None),
     ],
 )
 def test_mean_width_and_families_are_those_of_brute_force(
     names: tuple[str, ...],
     name: str,
     snr_db: float,
-    enough: float | None,
+    enough: float,
     proposals: Proposals,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -95,12 +93,9 @@ def test_mean_width_and_families_are_those_of_brute_force(
     painted = images(families, of, vectors)
     expected = np.tensordot(weights, painted, axes=1)
     variance = np.tensordot(weights, (painted - expected) ** 2, axes=1).mean()
-    if enough is not None:
-        monkeypatch.setattr(sampler, "AIMED", enough)
-    drawn = Sampler(models, begin, proposals).draws(
-        frame, np.random.default_rng(2), exactly=enough is None
-    )
-    assert drawn.effective > (0.5 if enough in (None, math.inf) else enough)
+    monkeypatch.setattr(sampler, "AIMED", enough)
+    drawn = Sampler(models, begin, proposals).draws(frame, np.random.default_rng(2))
+    assert drawn.effective > (0.5 if enough == math.inf else enough)
     assert enough == sampler.AIMED or len(drawn.weights) > CHECKED
     fits = frame.log_likelihood(models.exact(drawn.families, drawn.vectors))
     np.testing.assert_allclose(drawn.log_likelihoods, fits, rtol=1e-9)
@@ -114,6 +109,36 @@ def test_mean_width_and_families_are_those_of_brute_force(
     np.testing.assert_allclose(likely, expected, atol=0.12)
     evidence = special.logsumexp(log_weights) - np.log(MANY)
     assert drawn.log_evidence == pytest.approx(evidence, abs=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["circle", "triangle", "soft-press"])
+def test_draws_about_the_true_phantom_are_those_of_the_sampler_and_their_evidence_is_no_more(
+    name: str,
+) -> None:
+    """Where the posterior is narrow, and the sampler has not lost the truth."""
+    priors = FamilyPrior.of(FAMILIES[name], SENSOR)[:1]
+    models, rng = PhantomModels(priors, ForwardModel(SENSOR)), np.random.default_rng(2)
+    phantom = draw(priors[0].parameters.family, SENSOR, rng)
+    family, vector = models.of_phantom(phantom)
+    parameters, truth = [priors[0].parameters], rasterise(phantom, SENSOR)
+    painted = images(parameters, family, vector)[0] * SENSOR.background
+    np.testing.assert_allclose(painted, truth)
+    frame = models.frame(add_noise(ForwardModel(SENSOR).voltages(truth), 25.0, rng), 25.0)
+    begin = library(models, np.random.default_rng(0))
+    whole = Sampler(models, begin, "walk").draws(frame, np.random.default_rng(3))
+    about = draws_about(models, family, vector, frame, np.random.default_rng(3))
+    assert -1.2 < about.log_evidence - whole.log_evidence < 0.2
+    assert about.effective > sampler.CORRECTED
+    fits = frame.log_likelihood(models.exact(about.families, about.vectors))
+    np.testing.assert_allclose(about.log_likelihoods, fits, rtol=1e-9)
+    mean, expected = (
+        np.tensordot(of.weights, images(parameters, of.families, of.vectors), axes=1)
+        for of in (about, whole)
+    )
+    spread = (images(parameters, whole.families, whole.vectors) - expected) ** 2
+    variance = np.tensordot(whole.weights, spread, axes=1).mean()
+    assert np.mean((mean - expected) ** 2) < 0.2 * variance
 
 
 def run_of(effective: float, log_evidence: float, vector: float) -> Draws:
