@@ -21,6 +21,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from eitbench.benchmark.ceiling.agreement import greatest_rhat, traces
+from eitbench.benchmark.ceiling.importance import draws_about
 from eitbench.benchmark.ceiling.models import PhantomModels, images
 from eitbench.benchmark.ceiling.moves import PROPOSALS, Proposals
 from eitbench.benchmark.ceiling.prior import FamilyPrior
@@ -31,7 +32,6 @@ from eitbench.benchmark.ceiling.sampler import (
     PARTICLES,
     Draws,
     Sampler,
-    draws_about,
     library,
     merged,
 )

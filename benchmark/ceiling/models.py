@@ -62,12 +62,6 @@ class StandIn:
         errors = (missing - (quick - before) @ slopes) / (1 - leverage).clip(min=1e-3)[:, None]
         return cls(before, after, slopes, errors / np.sqrt(len(quick)))
 
-    @classmethod
-    def none(cls, size: int) -> StandIn:
-        """What leaves `size` predictions as they are."""
-        nothing = np.zeros(size)
-        return cls(nothing, nothing, np.zeros((size, size)), np.zeros((1, size)))
-
     def __call__(self, quick: Array) -> Array:
         """Predictions (n, K) [V/A]."""
         away = quick - self.before

@@ -19,8 +19,8 @@ until their weights, the exact likelihood over that of the stand-in, leave enoug
 the draws. Where `BATCHES` of them would not do, for the frame tells the stand-in's errors from
 noise, particles go on by exact solutions alone: the errors stay noise at first, and become smaller
 step by step until there are none. Weights cannot tell of a family or a mode that was lost on the
-way: only another run or sampler can (`merged`), or a phantom that explains the frame better, about
-which `draws_about` draws.
+way: only another run or sampler can (`merged`), or a phantom that explains the frame better
+(`importance`).
 
 Two kinds of proposals make two samplers, see `moves`.
 """
@@ -28,7 +28,7 @@ Two kinds of proposals make two samplers, see `moves`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -66,9 +66,6 @@ FEW, STIRRED, AT_LAST = 4, 4, 8
 """Particles that go on by exact solutions, for each term of an emulator, but at least `CHECKED`;
 how often they are moved at most in a step, until the share `ENOUGH` of them differ; and how often
 after the last step."""
-POPULATION, POPULATIONS, NEAR = 400, 24, 0.1
-"""Vectors that are drawn about others, how often at most, and how far from a phantom the first ones
-lie, over `parameters.STEP`."""
 CORRECTED = 0.3
 """`Draws.effective` from which on draws are taken for exact."""
 SCATTERED, TOLD = 4000, 0.02
@@ -77,7 +74,7 @@ do."""
 LOST = 1e-3
 """Evidence of a run over the greatest one, below which it does not count."""
 LEAST = 1e-12
-"""Of b, in the search for the first one."""
+"""Of b, in the search for the first one, and of what is left of errors over what there was."""
 
 
 class Particles(NamedTuple):
@@ -203,48 +200,9 @@ class Sampler:
         return annealing.draws()
 
 
-def draws_about(
-    models: PhantomModels, family: Index, vector: Array, frame: Frame, rng: np.random.Generator
-) -> Draws:
-    """Draws of the part of the posterior that a phantom lies in, given a frame.
-
-    By importance sampling with exact weights, again and again about what was drawn before; a weight
-    is over the mixture of all laws so far (adaptive multiple importance sampling: Cornuet, Marin,
-    Mira and Robert, Scand. J. Stat. 39(4), 2012). The evidence is that of the
-    part that was reached, and rough: less than the whole by half a nat where the posterior is
-    smooth, by more where it falls into pieces. So such draws tell that something likely was lost,
-    and never count too much in `merged`.
-
-    Args:
-        models: of the unit that the frame comes from.
-        family: (1,) number of the phantom's.
-        vector: (1, P) of the phantom.
-        frame: the frame.
-        rng: random numbers.
-    """
-    prior = models.priors[int(family[0])]
-    width, missing = len(prior.parameters.low), vector.shape[1] - len(prior.parameters.low)
-    jitter = NEAR * prior.parameters.step * rng.standard_normal((CHECKED, width))
-    vectors = vector[:, :width] + jitter
-    laws: list[Moves] = []
-    drawn, fits = np.zeros((0, width)), np.zeros(0)
-    for _ in range(POPULATIONS):
-        laws.append(Moves.about(prior, vectors, np.zeros((len(vectors), 1))))
-        new, _ = laws[-1].scattered(POPULATION, rng)
-        padded = np.pad(new, ((0, 0), (0, missing)))
-        exact = models.exact(np.full(len(new), family[0]), padded)
-        drawn, fits = np.concatenate([drawn, new]), np.append(fits, frame.log_likelihood(exact))
-        log_law = special.logsumexp([law.log_law(drawn) for law in laws], axis=0)
-        log_weights = prior.log_density(drawn) + fits - log_law - math.log(POPULATION)
-        share, power = effective(log_weights) / CHECKED, 1.0
-        if share >= AIMED:
-            break
-        while effective(power * log_weights) < ENOUGH * CHECKED and power > LEAST:
-            power *= FALL
-        vectors = drawn[resampled(special.softmax(power * log_weights), CHECKED, rng)]
-    evidence = math.log(prior.share) + float(special.logsumexp(log_weights))
-    families, drawn = np.full(len(drawn), family[0]), np.pad(drawn, ((0, 0), (0, missing)))
-    return Draws(families, drawn, special.softmax(log_weights), fits, share, evidence)
+def _nothing(predicted: Array) -> Array:
+    """The stand-in of exact predictions (n, K) [V/A]: they need none."""
+    return predicted
 
 
 class _Annealing:
@@ -260,7 +218,8 @@ class _Annealing:
         self._solved: list[tuple[Array, Array]] = []
 
     def _use(self, stand_in: StandIn) -> None:
-        self._stand_in, self._errors = stand_in, stand_in.errors_in(self._frame)
+        self._stand_in: Callable[[Array], Array] = stand_in
+        self._errors = stand_in.errors_in(self._frame)
 
     def _log_likelihood(self, particles: Particles, sharpness: float | None = None) -> Array:
         """log L_b (n,) of particles; b is that of now by default."""
@@ -332,18 +291,34 @@ class _Annealing:
 
     def _sharpen(self, enough: float) -> None:
         """Raise b, so that this share of every likely family stays effective."""
-        now, of = self._log_likelihood(self._particles), self._of(LIKELY).values()
+        now = self._log_likelihood(self._particles)
 
-        def surplus(log_b: float) -> float:
-            gain = self._log_likelihood(self._particles, math.exp(log_b)) - now
-            return min(effective(gain[some]) / len(some) for some in of) - enough
+        def gain(b: float) -> Array:
+            return self._log_likelihood(self._particles, b) - now
 
-        b = 1.0
-        if surplus(0.0) < 0:
-            least = math.log(max(self._sharpness, LEAST))
-            b = math.exp(optimize.brentq(surplus, least, 0.0, xtol=0.02))
-        self._draw_anew(self._log_likelihood(self._particles, b) - now)
+        b = math.exp(self._nearest(0.0, math.log(max(self._sharpness, LEAST)), gain, enough))
+        self._draw_anew(gain(b))
         self._sharpness = b
+
+    def _nearest(
+        self, aim: float, begin: float, gain: Callable[[float], Array], enough: float
+    ) -> float:
+        """The number from `begin` to `aim` that is nearest to the aim and leaves enough particles.
+
+        Args:
+            aim, begin: logarithms of values.
+            gain: what the logarithms (n,) of the particles' weights change by at a value.
+            enough: share of the particles of every likely family that stays effective.
+        """
+        of = self._of(LIKELY).values()
+
+        def surplus(log_value: float) -> float:
+            gained = gain(math.exp(log_value))
+            return min(effective(gained[some]) / len(some) for some in of) - enough
+
+        if surplus(aim) >= 0:
+            return aim
+        return float(optimize.brentq(surplus, min(aim, begin), max(aim, begin), xtol=0.02))
 
     def _fit(self, count: int) -> float:
         """Fit the stand-in anew, to exact solutions of so many particles.
@@ -426,7 +401,7 @@ class _Annealing:
         self._predict, self._count = self._models.exact, _few
         families, vectors, _ = self._particles
         self._particles = Particles(families, vectors, self._predict(families, vectors))
-        self._stand_in = StandIn.none(self._particles.predicted.shape[1])
+        self._stand_in = _nothing
         self._draw_anew(self._log_likelihood(self._particles) - before, LIKELY)
         while left > 0:
             self._stir()
@@ -459,19 +434,14 @@ class _Annealing:
 
         By so much that every likely family stays effective.
         """
-        now, of = self._log_likelihood(self._particles), self._of(LIKELY).values()
-        predicted = self._particles.predicted
+        now, predicted = self._log_likelihood(self._particles), self._particles.predicted
 
         def gain(part: float) -> Array:
             return self._frame.log_likelihood(predicted, 1.0, whole.part(part)) - now
 
-        def surplus(log_part: float) -> float:
-            gained = gain(math.exp(log_part))
-            return min(effective(gained[some]) / len(some) for some in of) - ENOUGH
-
-        most, part = math.log(left), 0.0
-        if surplus(most + math.log(LEAST)) < 0:
-            part = math.exp(optimize.brentq(surplus, most + math.log(LEAST), most, xtol=0.02))
+        most = math.log(left)
+        nearest = self._nearest(most + math.log(LEAST), most, gain, ENOUGH)
+        part = math.exp(nearest) if nearest > most + math.log(LEAST) else 0.0
         self._draw_anew(gain(part), LIKELY)
         self._errors = whole.part(part)
         return part

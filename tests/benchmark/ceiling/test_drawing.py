@@ -12,7 +12,7 @@ from pandas.testing import assert_frame_equal
 from eitbench.benchmark import InputError
 from eitbench.benchmark.analysis.leaderboard import leaderboard_rows
 from eitbench.benchmark.analysis.results import read_run
-from eitbench.benchmark.ceiling import drawing, figures, record, sampler
+from eitbench.benchmark.ceiling import drawing, figures, importance, record, sampler
 from eitbench.benchmark.ceiling.drawing import draw_posteriors, known_of, told
 from eitbench.benchmark.ceiling.figures import summary, write_record
 from eitbench.benchmark.ceiling.moves import PROPOSALS
@@ -272,7 +272,7 @@ def test_where_samplers_lost_the_true_phantom_more_is_drawn_about_it(
     for about in (found[1] for found in merging[len(PROPOSALS) :]):
         # Of the same posterior, found in another way, or of a part of it.
         assert -1.2 < about.log_evidence - merging[0][0].log_evidence < 0.2
-        assert len(about.weights) > sampler.POPULATION / 2
+        assert len(about.weights) > importance.POPULATION / 2
     data = load(FAST, "test", 1)
     found = drawing.draws_of(tmp_path, FAST.name, 0, data.frame_hashes[0])
     assert found is not None
