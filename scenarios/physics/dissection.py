@@ -160,6 +160,7 @@ def _cut(centres: Array) -> tuple[list[Index], list[tuple[int, ...]]]:
     """Elements of every smallest part (none for the others), and the children of every part."""
     parts: list[Index] = []
     children: list[tuple[int, ...]] = []
+    extent = np.ptp(centres)
 
     def add(elements: Index) -> int:
         pair: tuple[int, ...] = ()
@@ -168,7 +169,7 @@ def _cut(centres: Array) -> tuple[list[Index], list[tuple[int, ...]]]:
             width, height = np.ptp(here, axis=0)
             along = here[:, 0 if width > height * (1 + 1e-9) else 1]
             # Between two lines of the grid, so that the cut is straight.
-            levels = np.unique(np.round(along / np.ptp(centres), 9)) * np.ptp(centres)
+            levels = np.unique(np.round(along / extent, 9)) * extent
             low = along < (levels[len(levels) // 2 - 1] + levels[len(levels) // 2]) / 2
             pair = (add(elements[low]), add(elements[~low]))
         parts.append(elements[:0] if pair else elements)
