@@ -36,6 +36,6 @@ def counted(n: int, what: str, several: str = "") -> str:
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> InputError:
     """The error for an unknown `name`, suggesting the nearest of the `known` ones."""
     names = sorted(known)
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(name, names, n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(names) or 'none'}."
     return InputError(f"Unknown {kind} {name!r}: {hint}")

@@ -89,7 +89,8 @@ def told(scenario: Scenario) -> SimulatedScenario:
         if getattr(unit, name) != getattr(ideal, name)
     ]
     if unknown or unit.mesh == "slab" or scenario.calibrated:
-        what = [*sorted(unknown), *["a slab"] * (unit.mesh == "slab"), "calibration"]
+        what = [f"the imperfection {name!r}" for name in sorted(unknown)]
+        what += [*["a slab"] * (unit.mesh == "slab"), "calibration"]
         raise InputError(
             f"Scenario {scenario.name!r} has {what[0]}, which the ceiling is not told: it knows "
             "the mesh and the electrodes of every unit."

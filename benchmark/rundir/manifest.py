@@ -233,10 +233,17 @@ def read(run: Path) -> Manifest:
         _Manifest.model_validate(content)
     except ValidationError as error:
         where, reason = first_problem(error)
-        raise DataCorruptError(f"The manifest {path} is damaged: {where}: {reason}.") from error
+        raise DataCorruptError(
+            f"The manifest {path} is damaged ({where}: {reason}): {_WITHOUT}."
+        ) from error
     except (OSError, ValueError, RecursionError) as error:
-        raise DataCorruptError(f"The manifest {path} cannot be read: {error}.") from error
+        raise DataCorruptError(
+            f"The manifest {path} cannot be read ({error}): {_WITHOUT}."
+        ) from error
     return content
+
+
+_WITHOUT = "take it from a copy of the run, or run the suite again"
 
 
 def check_own(run: Path, manifest: Manifest, instead: str) -> None:

@@ -27,7 +27,7 @@ _CHECKS = {
     "image_psnr": ("the mean image's [dB]", ".2f"),
     "apart_db": ("samplers apart [dB]", "+.2f"), "apart_low": ("95 %: from", "+.2f"),
     "apart_high": ("to", "+.2f"), "agreed": (f"R-hat < {AGREED}", ".0%"),
-    "agreed_psnr": ("of these [dB]", ".2f"), "exact": ("exact weights", ".0%"),
+    "agreed_psnr": ("of these [dB]", ".2f"), "exact": ("exact weights", ".1%"),
     "exact_psnr": ("of these [dB]", ".2f"), "worst": ("worst frame", ".0%"),
     "within_50": ("in 50 %", ".0%"), "within_80": ("in 80 %", ".0%"),
     "within_95": ("in 95 %", ".0%"), "uniform_p": ("p of ranks", ".2g"),

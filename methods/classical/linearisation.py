@@ -102,9 +102,9 @@ class Linearisation:
         return images
 
 
-def positive(name: str, value: float) -> None:
+def positive(name: str, value: object) -> None:
     """Raise `InputError` unless a parameter is a finite number above 0."""
-    if not 0 < value < math.inf:
+    if not (isinstance(value, int | float) and 0 < value < math.inf):
         raise InputError(f"The parameter {name!r} is a number above 0, got {value!r}.")
 
 

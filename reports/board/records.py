@@ -191,16 +191,23 @@ def _fastest(records: Path, *runs: Run) -> dict[str, float]:
     return fastest
 
 
+def check_version(version: str) -> None:
+    """Check that there can be a version of this name.
+
+    Raises:
+        InputError: it is no year and number.
+    """
+    if not VERSION.fullmatch(version):
+        raise InputError(f"A version is a year and a number, such as 2026.1; got {version!r}.")
+
+
 def check_new(out: Path) -> None:
     """Check that there is no record in `out`, which is `RECORDS/VERSION/SUITE`, and can be one.
 
     Raises:
         InputError: there is one, no such version can be, or a file is in the way.
     """
-    if not VERSION.fullmatch(out.parent.name):
-        raise InputError(
-            f"A version is a year and a number, such as 2026.1; got {out.parent.name!r}."
-        )
+    check_version(out.parent.name)
     in_the_way = [path for path in out.parents if path.exists() and not path.is_dir()]
     if in_the_way:
         raise InputError(f"{in_the_way[0]} is a file: name a folder for records with --records.")

@@ -21,7 +21,7 @@ import joblib
 from markupsafe import Markup
 
 from eitbench import __version__
-from eitbench.benchmark import InputError, atomic_write, worker_pool, writing
+from eitbench.benchmark import EitbenchError, InputError, atomic_write, worker_pool, writing
 from eitbench.benchmark.analysis.results import Run, plugin_copies, read_run
 from eitbench.benchmark.metrics.specs import ANCHORS
 from eitbench.benchmark.rundir.manifest import FILE_NAME
@@ -54,6 +54,8 @@ _MAP_STEPS = 256
 def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]]:
     """Write the report of run directories into `out`: the page, and files for a paper.
 
+    A page that is there stays until the new one is ready.
+
     Returns:
         The files, the page first; and what the runs lack, a sentence each, as on the page.
 
@@ -69,9 +71,19 @@ def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]
             "with --out."
         )
     check_own_folder(out)
-    with writing(f"the report into {out}"):  # so that the folder is ours if this is interrupted
-        atomic_write(out / PAGE, "<!doctype html><title>Not finished – eitbench</title>".encode())
-    report, found, files = _both_parts(read, out)
+    new_folder, new_page = not out.exists(), not (out / PAGE).exists()
+    if new_page:  # so that the folder is ours if this is interrupted
+        with writing(f"the report into {out}"):
+            atomic_write(out / PAGE, _NOT_FINISHED.encode())
+    try:
+        report, found, files = _both_parts(read, out)
+    except EitbenchError:
+        if new_page:
+            (out / PAGE).unlink(missing_ok=True)
+        if new_folder:
+            with suppress(OSError):  # it is not empty
+                out.rmdir()
+        raise
     with writing(f"the report into {out}"):
         page = to_page(report, _code_links(read, out), found)
         atomic_write(out / PAGE, page.encode())
@@ -100,6 +112,7 @@ def check_own_folder(out: Path, besides: Collection[str] = ()) -> None:
         )
 
 
+_NOT_FINISHED = "<!doctype html><title>Not finished – eitbench</title>"
 _OWN_TITLE = re.compile("<title>[^<]*– eitbench".encode())
 
 

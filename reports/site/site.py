@@ -14,7 +14,7 @@ import urllib.parse
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic import TypeAdapter
 
@@ -79,16 +79,25 @@ _TRUTHS = {
 }
 
 
-def write_site(folder: Path, out: Path) -> list[Path]:
+class WrittenSite(NamedTuple):
+    """What `write_site` wrote.
+
+    Attributes:
+        pages: the pages, the front page first.
+        left_out: a part of a sentence for each run that is not shown, and why.
+    """
+
+    pages: list[Path]
+    left_out: list[str]
+
+
+def write_site(folder: Path, out: Path) -> WrittenSite:
     """Write the site of the records, or of the run directories, in `folder` into `out`.
 
     `folder` holds versions of the leaderboard, see `reports.board`, or runs. The newest version is
     at the top, those before it under `archive/`; there, the newest one has pages that lead to its
     own, so that addresses with a version last. Files of an earlier site in `out` go. Runs and
     submissions that cannot be read are left out, with a sentence on the front page.
-
-    Returns:
-        The pages, the front page first.
 
     Raises:
         InputError: there is no run directory in `folder`, `out` is that folder or a run, or
@@ -119,7 +128,7 @@ def write_site(folder: Path, out: Path) -> list[Path]:
                     files.append(stub)
             files += [f"{place}{name}" for name in site.copy_records()]
         _clear(out, files)
-    return written
+    return WrittenSite(written, [why for edition in found for why in edition.left_out])
 
 
 def _forwarding(name: str, depth: int) -> bytes:

@@ -160,14 +160,18 @@ def load_suite(name: str | Path) -> Suite:
     """A packaged suite by name, or any suite by the path of its `.toml` file.
 
     Raises:
-        InputError: unknown name (the nearest one is suggested), or a file that cannot be read or
-            declares something wrong (the field is named).
+        InputError: unknown name (the nearest one is suggested), a folder, or a file that cannot be
+            read or declares something wrong (the field is named).
     """
     known = suites()
     if str(name) in known:
         return read_suite(known[str(name)])
     if Path(name).suffix == ".toml":
         return read_suite(Path(name))
+    if Path(name).is_dir():
+        raise InputError(
+            f"{name} is a folder: give the name of a suite, or a file that ends in .toml."
+        )
     if Path(name).parent != Path():
         raise InputError(f"A suite file ends in .toml, got {str(name)!r}.")
     raise unknown_name("suite", str(name), known)

@@ -83,7 +83,9 @@ def test_methods_that_are_added_are_run_alone(
     assert list(grown.cells["method"]) == ["noser", "greit"]
 
 
-@pytest.mark.parametrize("version", ["", "../../out", "2026", "v1", "2026.03", "2026.0"])
+@pytest.mark.parametrize(
+    "version", ["", "../../out", "../2099.1", "2026", "v1", "2026.03", "2026.0"]
+)
 def test_a_version_is_a_year_and_a_number(tmp_path: Path, version: str) -> None:
     with pytest.raises(InputError, match="A version is a year and a number"):
         CliRunner().invoke(

@@ -14,6 +14,17 @@ from eitbench.commands.methods import _figures
 Run = Callable[..., tuple[int, str, str]]
 
 
+@pytest.mark.parametrize("command", ["priors", "readings", "superposition"])
+def test_a_file_in_the_way_of_a_study_is_named_before_it_starts(
+    eitbench: Run, tmp_path: Path, command: str
+) -> None:
+    (tmp_path / "mine").write_text("mine")
+    code, _, error = eitbench(command, "--out", str(tmp_path / "mine" / "study"))
+    assert code == 2
+    assert "mine is a file: name a folder with --out." in error
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
 def test_a_method_that_passes_all_checks(eitbench: Run) -> None:
     code, out, _ = eitbench("check", "noser", "--json")
     (report,) = json.loads(out)

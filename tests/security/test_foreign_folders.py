@@ -83,7 +83,7 @@ def test_writing_replaces_a_link(run: Path, tmp_path: Path) -> None:
 
 def test_a_site_leaves_linked_runs_out(run: Path, tmp_path: Path) -> None:
     (run.parent / "elsewhere").symlink_to(run)
-    written = write_site(run.parent, tmp_path / "site")
+    written = write_site(run.parent, tmp_path / "site").pages
     assert "elsewhere is left out: it is a link" in written[0].read_text()
 
 

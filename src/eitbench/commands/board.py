@@ -53,7 +53,7 @@ def board(
     from eitbench.benchmark.rundir.store import unused
     from eitbench.commands.console import names_in, warn
     from eitbench.reports.board.changes import REASONS, changes, in_words, last_before, reasons
-    from eitbench.reports.board.records import calm_ms, check_new, cost, write_record
+    from eitbench.reports.board.records import calm_ms, check_new, check_version, cost, write_record
     from eitbench.scenarios.errors import InputError, unknown_name
     from eitbench.scenarios.recordings.fetch import fetch_recording
     from eitbench.scenarios.suites.suite import load_suite, suites
@@ -62,6 +62,7 @@ def board(
         raise unknown_name("suite", suite, suites())
     if records == RECORDS and not records.is_dir():
         raise InputError(f"There is no {RECORDS} here: run it in a checkout, or name --records.")
+    check_version(version)
     declared, out, run = load_suite(suite), records / version / suite, runs / suite
     asked, on = names_in("--methods", methods), names_in("--scenarios", scenarios)
     every = [scenario.name for scenario in declared.scenarios]

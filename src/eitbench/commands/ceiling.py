@@ -21,7 +21,7 @@ _HEADS = {
     "psnr": ("PSNR [dB]", ".2f"), "ssim": ("SSIM", ".3f"), "cc": ("CC", ".3f"),
     "rie": ("RIE", ".4f"), "localisation_mm": ("Place [mm]", ".2f"),
     "expected_psnr": ("Expected [dB]", ".2f"), "apart_db": ("Samplers apart [dB]", "+.2f"),
-    "agreed": ("R-hat agrees", ".0%"), "exact": ("Exact", ".0%"),
+    "agreed": ("R-hat agrees", ".0%"), "exact": ("Exact", ".1%"),
     "within_95": ("In 95 %", ".0%"),
 }  # fmt: skip
 
@@ -52,18 +52,19 @@ def ceiling(
     """Work out how well the touches of a suite could be known by a method that knows their law.
 
     Two samplers draw from the posterior of every frame, told the families, their ranges, the noise,
-    the mesh and the electrodes. One to two minutes a frame, on one core; clean frames get 70 dB.
-    Scenarios that they cannot be told are left out unless --scenarios names them.
+    the mesh and the electrodes. A frame takes one to six minutes of a core, the longer the less
+    noise it has; clean frames get 70 dB. Scenarios that they cannot be told are left out unless
+    --scenarios names them.
     """
     from eitbench.benchmark.ceiling.drawing import draw_posteriors, known_of
     from eitbench.benchmark.ceiling.figures import summary, write_record
     from eitbench.benchmark.rundir.store import unused
     from eitbench.commands.tables import names_table
     from eitbench.scenarios.errors import InputError, unknown_name
+    from eitbench.scenarios.storage.folders import check_folder
     from eitbench.scenarios.suites.suite import load_suite
 
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out} is a file: name a folder with --out.")
+    check_folder(out)
     draws = out / "draws"
     if out.is_dir() and not (draws.is_dir() or unused(out)):
         raise InputError(f"{out} holds other things than draws: name another folder for --out.")

@@ -250,7 +250,9 @@ def readings_command(
     """Score NOSER and TV with every simple mistake that the published rows could rest on."""
     from eitbench.benchmark.studies.readings import published_readings, write_readings
     from eitbench.reports.tables.published import TABLE_II
+    from eitbench.scenarios.storage.folders import check_folder
 
+    check_folder(out)
     rows = {method: TABLE_II[method] for method in ("noser", "tv")}
     table = published_readings(rows, samples=samples, jobs=jobs)
     typer.echo(f"Readings: {write_readings(table, samples, out)}")
@@ -266,7 +268,9 @@ def priors(
     """Measure what each prior of a method is worth: score it again without that prior."""
     from eitbench.benchmark.studies.priors import worth_of_priors
     from eitbench.reports.studies.priors import priors_table, write_priors
+    from eitbench.scenarios.storage.folders import check_folder
 
+    check_folder(out)
     table = worth_of_priors(samples=samples, jobs=jobs)
     typer.echo(priors_table(table))
     for path in write_priors(table, out):
@@ -281,7 +285,9 @@ def superposition(
     from eitbench.benchmark.studies.superposition import record
     from eitbench.reports.studies.superposition import explained_table
     from eitbench.scenarios.storage.atomic_write import atomic_write_json
+    from eitbench.scenarios.storage.folders import check_folder
 
+    check_folder(out)
     found = record("eitbench superposition")
     typer.echo(explained_table(found))
     path = out / "superposition.json"

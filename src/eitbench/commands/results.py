@@ -81,7 +81,9 @@ def site(
     from eitbench.reports.site.site import write_site
 
     written = write_site(runs, out)
-    typer.echo(f"Site: {written[0]} ({len(written)} pages)")
+    typer.echo(f"Site: {written.pages[0]} ({len(written.pages)} pages)")
+    for why in written.left_out:
+        warn(f"{why}.")
 
 
 @app.command(epilog="Example: eitbench compare runs/before runs/after --figures ssim,psnr")

@@ -48,7 +48,10 @@ def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
         ({"noise": {"test": "mixture"}}, "'mixture': the ceiling needs frames"),
         ({"families": ("tank-1",)}, "not known for family .tank-1."),
         ({"families": ("object-rectangle",)}, "the same for both sides of a rectangle"),
-        ({"imperfections": {"gain": 0.01}}, "has gain, which the ceiling is not told"),
+        (
+            {"imperfections": {"gain": 0.01}},
+            "has the imperfection 'gain', which the ceiling is not told",
+        ),
         ({"imperfections": {"mesh": "slab"}}, "has a slab, which the ceiling is not told"),
         ({"calibrated": True}, "has calibration, which"),
     ],

@@ -91,6 +91,7 @@ def test_images_do_not_depend_on_the_unit_of_conductivity(name: str) -> None:
         ("noser", {"weight": -0.5}, "'weight' is a number above 0, got -0.5"),
         ("noser", {"gain_power": -3.0}, "power of gains at least 0"),
         ("back-projection", {"row_exponent": 1000.0}, "exponent of rows is from 0 to 1"),
+        ("noser", {"weight": "NaN"}, "'weight' is a number above 0, got 'NaN'"),
         ("tv", {"weight": 0.0}, "'weight' is a number above 0, got 0.0"),
         ("greit", {"blur": -0.2}, "'blur' is a number above 0, got -0.2"),
         ("gauss-newton-noser", {"steps": 0}, "whole number of steps, 1 at least, got 0"),

@@ -52,7 +52,7 @@ def test_a_site_stays_in_its_folder(
     hostile: Callable[..., Path], tmp_path: Path, suite: str, name: str, version: str
 ) -> None:
     run, out = hostile(suite, name, name, version), tmp_path / "deep" / "site"
-    written = write_site(run.parent, out)
+    written = write_site(run.parent, out).pages
     assert all(path.resolve().is_relative_to(out.resolve()) for path in written)
     assert len({path.resolve() for path in written}) == len(written)
     assert {path.name for path in tmp_path.iterdir()} == {"deep", "run"}
@@ -75,7 +75,7 @@ def test_one_run_does_not_take_a_site_down(
         pd.read_parquet(spoilt / file).replace("m", name).to_parquet(spoilt / file)
     with edited_manifest(spoilt) as manifest:
         manifest["versions"] = {"eitbench": version}
-    index = write_site(runs, tmp_path / "site")[0].read_text()
+    index = write_site(runs, tmp_path / "site").pages[0].read_text()
     assert "spoilt is left out" in index
     assert why in index
     assert "suites/s.html" in index

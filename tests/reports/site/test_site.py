@@ -14,12 +14,14 @@ from urllib.parse import unquote
 import pandas as pd
 import pytest
 from tests.support.made_runs import edited_manifest, note_version
+from typer.testing import CliRunner
 
 from eitbench.benchmark.analysis.catalogue import about_method
 from eitbench.benchmark.analysis.results import SHOWN
 from eitbench.benchmark.submissions.hidden import Gap, HiddenRecord, PublishedKey, write_hidden
 from eitbench.benchmark.submissions.rerun import digest
 from eitbench.benchmark.submissions.sums import note_sums
+from eitbench.commands.results import app
 from eitbench.methods.registry import METHOD_REGISTRY
 from eitbench.reports.findings.finding import Finding
 from eitbench.reports.site import pages
@@ -79,7 +81,7 @@ def cells(page: str, title: str) -> list[list[str]]:
 
 def test_every_link_leads_to_a_file(runs: Path, tmp_path: Path) -> None:
     out = tmp_path / "site"
-    written = write_site(runs, out)
+    written = write_site(runs, out).pages
     assert {str(path.relative_to(out)) for path in written} == {
         "index.html", "submit.html", "suites/bench.html", "reports/bench/index.html",
         "methods/noser.html",
@@ -91,6 +93,8 @@ def test_every_link_leads_to_a_file(runs: Path, tmp_path: Path) -> None:
             for link in links(path):
                 assert (path.parent / unquote(link)).is_file(), link
     assert "damaged is left out" in written[0].read_text()
+    result = CliRunner().invoke(app, ["site", str(runs), "--out", str(out)])
+    assert "damaged is left out: " in result.stderr
 
 
 def test_a_method_has_what_eitbench_says_of_it(runs: Path, tmp_path: Path) -> None:
@@ -151,7 +155,7 @@ def test_the_front_counts_what_methods_win(build: Any, dataset_of: Any, tmp_path
     for name in ("one", "two"):
         build.add_scaled(dataset_of("conductivity", 12, name), {"good": 0.9, "poor": 0.2})
     build.write()
-    (front, *_) = write_site(tmp_path, tmp_path / "site")
+    (front, *_) = write_site(tmp_path, tmp_path / "site").pages
     assert cells(front.read_text(), "Over all suites") == [
         ["good", "100%", "1", "–", "1 of 2"],
         ["poor", "0%", "1", "–", "2 of 2"],
@@ -228,7 +232,7 @@ def test_a_method_says_what_its_training_took(build: Any, dataset_of: Any, tmp_p
 def test_equals_share_the_mean_of_their_ranks(build: Any, dataset_of: Any, tmp_path: Path) -> None:
     build.add_scaled(dataset_of("conductivity", 12), {"one": 0.9, "two": 0.9, "poor": 0.2})
     build.write()
-    (front, *_) = write_site(tmp_path, tmp_path / "site")
+    (front, *_) = write_site(tmp_path, tmp_path / "site").pages
     ranks = {row[0]: row[-1] for row in cells(front.read_text(), "Over all suites")}
     assert ranks == {"one": "1.5 of 3", "two": "1.5 of 3", "poor": "3 of 3"}
 
@@ -240,7 +244,7 @@ def test_data_that_suites_share_count_once(
     for suite, shares in (("a", few), ("b", few), ("c", more), ("d", few)):
         build = run_builder(tmp_path / "runs" / suite, suite)
         build.add_scaled(dataset_of("conductivity", 12, f"of-{suite}"), shares).write()
-    (front, *_) = write_site(tmp_path / "runs", tmp_path / "site")
+    (front, *_) = write_site(tmp_path / "runs", tmp_path / "site").pages
     assert "3 methods on 4 suites with 12 test frames" in front.read_text()
     rows = [row[:3] for row in cells(front.read_text(), "Over all suites")]
     assert rows == [["poor", "100%", "1"], ["good", "50%", "1"], ["worst", "0%", "1"]]
@@ -258,7 +262,7 @@ def test_an_older_version_stands_beside_the_newest(
         shutil.copytree(run, tmp_path / "records" / version / "bench")
         note_version(tmp_path / "records" / version)
     out = tmp_path / "site"
-    written = write_site(tmp_path / "records", out)
+    written = write_site(tmp_path / "records", out).pages
     assert "2026.10" in re.findall(r"<title>(.*?)</title>", written[0].read_text())[0]
     older = out / "archive" / "2026.9"
     assert "This is version 2026.9" in (older / "suites" / "bench.html").read_text()
@@ -290,7 +294,7 @@ def test_a_version_has_the_suites_of_the_one_before_that_it_lacks(
     shutil.copytree(run, records / "2026.2" / ".bench.part")
     (records / "2026.3").mkdir()
     out = tmp_path / "site"
-    (front, *_) = write_site(records, out)
+    (front, *_) = write_site(records, out).pages
     text = front.read_text()
     assert "<title>Leaderboard – eitbench 2026.2</title>" in text
     assert re.findall(r"run until [0-9-]+(, from version 2026.1)?", text) == [
@@ -315,7 +319,7 @@ def test_pages_of_a_suite_whose_file_name_is_escaped_are_found(
     run = shutil.copytree(build.write(), tmp_path / "runs" / "one")
     with edited_manifest(run) as content:
         content["plan"]["suite"]["name"] = "con"
-    for path in write_site(tmp_path / "runs", tmp_path / "site"):
+    for path in write_site(tmp_path / "runs", tmp_path / "site").pages:
         if path.parent.parent.name != "reports":
             for link in links(path):
                 assert (path.parent / unquote(link)).is_file(), link
@@ -347,7 +351,7 @@ def test_a_run_that_only_a_later_page_would_stumble_over_is_left_out(
     for name in ("one", "two"):
         shutil.copytree(run, runs / name)
     spoil(runs / "two")
-    (front, *_) = write_site(runs, tmp_path / "site")
+    (front, *_) = write_site(runs, tmp_path / "site").pages
     assert "two is left out" in front.read_text()
 
 
@@ -369,7 +373,7 @@ def test_a_run_whose_manifest_tells_nothing_of_its_resumption_is_left_out(
         shutil.copytree(run, runs / name)
     with edited_manifest(runs / "two") as content:
         content["resumed"] = [{}]
-    (front, *_) = write_site(runs, tmp_path / "site")
+    (front, *_) = write_site(runs, tmp_path / "site").pages
     assert "two is left out" in front.read_text()
 
 
@@ -426,7 +430,7 @@ def test_times_of_several_machines_are_shown_in_calibration_solves(runs: Path) -
 
 def test_operators_have_pages_too(build_operators: Any, tmp_path: Path) -> None:
     build_operators({"fem": 0.1, "jacobian": 0.3}, n=12)
-    (front, *_) = write_site(tmp_path, tmp_path / "site")
+    (front, *_) = write_site(tmp_path, tmp_path / "site").pages
     results = cells((front.parent / "methods" / "fem.html").read_text(), "Every result")
     assert [row[:3] for row in results] == [["operators", "paper", "1 of 2"]]
 
@@ -436,7 +440,7 @@ def test_the_front_says_of_how_many_suites_there_is_a_record(board: Path, tmp_pa
     with edited_manifest(board / "quick") as content:
         content["plan"]["suite"]["name"] = "quick"
     note_version(board)
-    (front, *_) = write_site(board.parent, tmp_path / "site")
+    (front, *_) = write_site(board.parent, tmp_path / "site").pages
     assert f"There is a record of 1 of {len(suites())} suites." in front.read_text()
 
 
@@ -476,7 +480,7 @@ def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Pat
         write_hidden(hidden_record(key, methods, scored), board)
     publish(board, {"bench": retired, "other": secret}, retired)
     note_version(board)
-    (front, *_) = write_site(board.parent, tmp_path / "site")
+    (front, *_) = write_site(board.parent, tmp_path / "site").pages
     page = (front.parent / "suites" / "bench.html").read_text()
     assert [(row[1], row[-1]) for row in cells(page, "On a hidden test set")] == [
         ("good", "key published"), ("poor", "key published"), ("poor", "key secret"),
@@ -495,12 +499,12 @@ def test_hidden_figures_say_if_their_key_is_published(board: Path, tmp_path: Pat
     publish(board, {"bench": bytes([3]) * 32})  # a new one
     keys.write_text(f"{before}\n{keys.read_text()}")
     note_version(board)
-    (front, *_) = write_site(board.parent, tmp_path / "site")
+    (front, *_) = write_site(board.parent, tmp_path / "site").pages
     submit = (front.parent / "submit.html").read_text()
     assert "The key of bench, other is secret." in submit
     assert "is published" not in submit
     keys.unlink()
-    (front, *_) = write_site(board.parent, tmp_path / "site")
+    (front, *_) = write_site(board.parent, tmp_path / "site").pages
     page = (front.parent / "suites" / "bench.html").read_text()
     table = cells(page, "On a hidden test set")
     assert {row[-1] for row in table} == {"key not known here"}
@@ -559,7 +563,7 @@ def reproduced(board: Path, *names: str) -> None:
 
 def test_self_reported_submissions_are_shown_but_count_nowhere(board: Path, tmp_path: Path) -> None:
     out = tmp_path / "site"
-    (front, *_) = write_site(board.parent, out)
+    (front, *_) = write_site(board.parent, out).pages
     assert [row[:2] for row in cells(front.read_text(), "Over all suites")] == [
         ["good", "100%"], ["poor", "0%"],
     ]  # fmt: skip
@@ -586,7 +590,7 @@ def test_a_method_has_one_row_over_all_suites_whatever_runs_hold_it(
     shutil.move(board / "submissions" / "bench" / "bench", board / "submissions" / "bench" / "a")
     reproduced(board, "a", "tank")
     out = tmp_path / "site"
-    (front, *_) = write_site(board.parent, out)
+    (front, *_) = write_site(board.parent, out).pages
     assert cells(front.read_text(), "Over all suites") == [
         ["mine", "100%", "1", "–", "1 of 3"],
         ["good", "50%", "1", "–", "2 of 3"],
@@ -619,7 +623,7 @@ def test_a_reproduced_submission_does_not_replace_a_record_of_its_name(
     board: Path, tmp_path: Path
 ) -> None:
     reproduced(board, "bench")
-    (front, *_) = write_site(board.parent, tmp_path / "site")
+    (front, *_) = write_site(board.parent, tmp_path / "site").pages
     assert "bench is left out: suite bench has another folder of this name" in front.read_text()
     assert "good is the best" in (front.parent / "suites" / "bench.html").read_text()
 
@@ -632,7 +636,7 @@ def test_a_submission_without_a_record_to_stand_below_is_left_out(
         content["plan"]["suite"]["name"] = "other"
     shutil.rmtree(board / "bench")
     note_version(board)
-    (front, *_) = write_site(board.parent, tmp_path / "site")
+    (front, *_) = write_site(board.parent, tmp_path / "site").pages
     assert "tank is left out: it is self-reported" in front.read_text()
     assert not (front.parent / "suites" / "bench.html").exists()
 
@@ -649,7 +653,7 @@ def test_hidden_figures_stand_beside_a_reproduced_submission_that_has_no_record(
     publish(board, {"bench": key})
     write_hidden(hidden_record(key, ["good"], {}), board)
     note_version(board)
-    (front, *_) = write_site(board.parent, tmp_path / "site")
+    (front, *_) = write_site(board.parent, tmp_path / "site").pages
     page = (front.parent / "suites" / "bench.html").read_text()
     assert [row[1] for row in cells(page, "On a hidden test set")] == ["good"]
 
@@ -675,7 +679,7 @@ def test_a_record_that_is_not_as_it_was_noted_is_not_shown(
 
 def test_no_run_takes_the_place_of_another_one(board: Path, tmp_path: Path) -> None:
     out = tmp_path / "site"
-    for page in write_site(board.parent, out):
+    for page in write_site(board.parent, out).pages:
         if page.parent.parent.name != "reports":
             for link in links(page):
                 assert (page.parent / unquote(link)).is_file(), link

@@ -28,7 +28,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(RECORDS / "2026.1" / name, root / "records" / "2026.1" / name)
     shutil.copytree(RECORDS / "2026.2" / "few-presses", root / "records" / "2026.1" / "few-presses")
     note_version(root / "records" / "2026.1")
-    return write_site(root / "records", root / "some" / "path")[0].parent
+    return write_site(root / "records", root / "some" / "path").pages[0].parent
 
 
 @pytest.fixture(scope="module")

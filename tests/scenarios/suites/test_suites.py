@@ -437,11 +437,15 @@ def test_unreadable_suite_files_are_one_sentence(tmp_path: Path) -> None:
             load_suite(path)
     with pytest.raises(InputError, match=r"ends in \.toml"):
         load_suite(str(tmp_path / "suite.yaml"))
+    with pytest.raises(InputError, match=r"is a folder: give the name of a suite, or a file"):
+        load_suite(str(tmp_path))
 
 
 def test_unknown_names_suggest_the_nearest() -> None:
     with pytest.raises(InputError, match="Unknown suite 'papr': did you mean 'paper'"):
         load_suite("papr")
+    with pytest.raises(InputError, match=r"Unknown suite 'nosuch': known: .*quick"):
+        load_suite("nosuch")
     with pytest.raises(InputError, match="Unknown scenario 'noise-50': did you mean 'noise-50db'"):
         scenario_by_name("noise-50")
 
