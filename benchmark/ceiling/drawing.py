@@ -173,7 +173,7 @@ def draw_posteriors(
         law = json.dumps(scenario.clean_parameters("test"))
         data = load(scenario, "test", samples, jobs=jobs, progress=progress)
         recorded = recorded_frames(scenario.name, scenario.data_hash("test") if record else None)
-        recorded = recorded[_kept(recorded)]
+        recorded = recorded[kept(recorded)]
         for sample, input_hash in enumerate(data.frame_hashes):
             path = _path(folder, scenario.name, sample)
             if sample not in recorded.index and _read(path, input_hash) is None:
@@ -194,7 +194,7 @@ def draw_posteriors(
             pass
 
 
-def _kept(recorded: pd.DataFrame) -> pd.Series:
+def kept(recorded: pd.DataFrame) -> pd.Series:
     """True for recorded frames that need not be drawn anew."""
     agree = (recorded["effective"] >= CORRECTED) & (recorded["rhat"] < KEPT_RHAT)
     return agree | (recorded["version"] == VERSION)

@@ -7,7 +7,7 @@ import pandas as pd
 from docs.tables.record import STUDIES, printed
 
 from eitbench.benchmark.ceiling.agreement import AGREED
-from eitbench.benchmark.ceiling.drawing import known_of, told
+from eitbench.benchmark.ceiling.drawing import kept, known_of, told
 from eitbench.benchmark.ceiling.figures import summary
 from eitbench.benchmark.ceiling.record import decibels, recorded_frames, traces_held
 from eitbench.benchmark.metrics.statistics import bootstrap
@@ -113,15 +113,22 @@ def _by_family(suite: str) -> str:
 
 
 def _versions() -> str:
-    """How many frames of each level are by which version of the sampler."""
+    """How many frames of each level are by which version of the sampler, and what is left to do."""
     parts = []
     for suite in ("noise", "shapes", "sim2real"):
         of = frames(suite)
         rows = of.drop_duplicates("scenario").to_dict("records")
         names = {row["scenario"]: f"`{suite}`, {_level(suite, row)}" for row in rows}
         parts.append(of.assign(level=of["scenario"].map(names)))
-    counts = pd.concat(parts).groupby(["level", "version"], sort=False).size().unstack(fill_value=0)
+    every = pd.concat(parts)
+    counts = every.groupby(["level", "version"], sort=False).size().unstack(fill_value=0)
     counts = counts.sort_index(axis=1)
+    more = {
+        "to be drawn anew": ~kept(every), "truth compared": every["surpassed"].notna()
+    }  # fmt: skip
+    counts = counts.assign(
+        **{name: of.groupby(every["level"], sort=False).sum() for name, of in more.items()}
+    )
     rows = [
         [str(level), *map(str, row)]
         for level, row in zip(counts.index, counts.to_numpy(), strict=True)

@@ -50,7 +50,7 @@ def _cost_table() -> str:
     worst = min(map(_cost_rows, _costs()), key=lambda rows: sum(map(_held, rows)))
     rows = [
         [f"`{row['method']}`", f"{row['samples']:,}", f"{row['own_ms_a_sample']:.3g}",
-         f"{row['ms']:.1f}", f"{100 * row['share']:.1f} %", "yes" if _held(row) else "no"]
+         f"{row['ms']:.1f}", f"{100 * row['share']:.2f} %", "yes" if _held(row) else "no"]
         for row in worst
     ]  # fmt: skip
     heads = ["method", "samples", "method, ms a sample", "harness, ms a sample", "share of the run"]

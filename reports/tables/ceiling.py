@@ -31,7 +31,8 @@ def ceiling_notes(board: Sequence[Row]) -> list[str]:
         f"ceiling: the posterior mean of {rows[0]['n']} of the frames, by a sampler that is told "
         "the families, their ranges, the noise, the mesh and the electrodes; what frames allow is "
         "at least this, in mean squared error; for other figures it is a reference; methods are "
-        "compared with it on the frames that both have"
+        "compared with it by mean squared error, on the frames that both have, so that their "
+        "distance is not the difference of the PSNRs shown"
     )
     held = traces_held_between(_frames(board), LEVEL)
     if held and held.high < LEVEL / 100:

@@ -110,7 +110,7 @@ def test_frames_of_the_record_are_not_drawn_again(
     """They are known by their data and numbers: bits of frames depend on the processor."""
     level = scenario_by_name("sim2real-noise")
     known = record.recorded_frames("sim2real-noise", level.data_hash("test"))
-    monkeypatch.setattr(drawing, "_kept", lambda recorded: recorded["version"] > 0)
+    monkeypatch.setattr(drawing, "kept", lambda recorded: recorded["version"] > 0)
     draw_posteriors([level], tmp_path / "draws", 2, record=True)
     assert not (tmp_path / "draws").exists()
     kept = write_record(tmp_path / "draws", "sim2real", [level], 2, tmp_path, record=True)
@@ -134,7 +134,7 @@ def test_recorded_frames_stay_where_their_own_checks_find_nothing() -> None:
             {"version": drawing.VERSION, "effective": 0.01, "rhat": 9.0},
         ]
     )
-    assert drawing._kept(frames).tolist() == [True, False, False, True]
+    assert drawing.kept(frames).tolist() == [True, False, False, True]
 
 
 @pytest.mark.slow
