@@ -343,14 +343,14 @@ def test_methods_are_shown_with_what_they_were_told_source_and_code(
     assert 'id="critical-difference" src="data:image/png' in page
 
 
-def test_a_refusal_keeps_the_report_that_is_there(
-    build: Any, dataset_of: Any, tmp_path: Path
+def test_a_refused_or_stopped_report_keeps_the_one_that_is_there(
+    build: Any, dataset_of: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     build.add_scaled(dataset_of("conductivity", 12), {"good": 0.9, "poor": 0.2})
-    run, out = build.write(), tmp_path / "out"
+    run, out, new = build.write(), tmp_path / "out", tmp_path / "new"
     with pytest.raises(InputError, match="is given twice"):
-        write_report([run, run], out)
-    assert not out.exists()
+        write_report([run, run], new)
+    assert not new.exists()
     out.mkdir()
     with pytest.raises(InputError, match="is given twice"):
         write_report([run, run], out)
@@ -359,28 +359,17 @@ def test_a_refusal_keeps_the_report_that_is_there(
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     with pytest.raises(InputError, match="is given twice"):
         write_report([run, run], out)
-    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
-
-
-def test_a_stopped_report_keeps_the_page_that_is_there(
-    build: Any, dataset_of: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    build.add_scaled(dataset_of("conductivity", 12), {"good": 0.9, "poor": 0.2})
-    run, old, new = build.write(), tmp_path / "old", tmp_path / "new"
-    write_report([run], old)
-    page = (old / "index.html").read_bytes()
 
     def stopped(*_: object) -> None:
         raise KeyboardInterrupt
 
-    with monkeypatch.context() as patch:
-        patch.setattr("eitbench.reports.page.report.write_paper", stopped)
-        for out in (old, new):
-            with pytest.raises(KeyboardInterrupt):
-                write_report([run], out)
-    assert (old / "index.html").read_bytes() == page
+    monkeypatch.setattr("eitbench.reports.page.report.report_of", stopped)
+    for folder in (out, new):
+        with pytest.raises(KeyboardInterrupt):
+            write_report([run], folder)
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
     assert "Not finished" in (new / "index.html").read_text()
-    write_report([run], new)  # its own folder
+    report.check_own_folder(new)  # the next report may go there
 
 
 def test_names_are_data_in_the_page(many: Path) -> None:
