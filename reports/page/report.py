@@ -78,10 +78,9 @@ def write_report(runs: Sequence[Path], out: Path) -> tuple[list[Path], list[str]
     try:
         report, found, files = _both_parts(read, out)
     except EitbenchError:
-        if new_page:
-            (out / PAGE).unlink(missing_ok=True)
-        if new_folder:
-            with suppress(OSError):  # it is not empty
+        if new_page and [*out.iterdir()] == [out / PAGE]:  # other files stay ours by it
+            (out / PAGE).unlink()
+            if new_folder:
                 out.rmdir()
         raise
     with writing(f"the report into {out}"):

@@ -360,9 +360,18 @@ def test_a_refused_or_stopped_report_keeps_the_one_that_is_there(
     with pytest.raises(InputError, match="is given twice"):
         write_report([run, run], out)
 
+    def refused(*_: object) -> None:
+        raise InputError("It cannot be told.")
+
     def stopped(*_: object) -> None:
         raise KeyboardInterrupt
 
+    late = tmp_path / "late"
+    monkeypatch.setattr("eitbench.reports.page.report.findings", refused)
+    with pytest.raises(InputError, match="cannot be told"):
+        write_report([run], late)
+    assert len([*late.iterdir()]) > 1
+    report.check_own_folder(late)
     monkeypatch.setattr("eitbench.reports.page.report.report_of", stopped)
     for folder in (out, new):
         with pytest.raises(KeyboardInterrupt):
