@@ -52,7 +52,7 @@ def ceiling(
     """Work out how well the touches of a suite could be known by a method that knows their law.
 
     Two samplers draw from the posterior of every frame, told the families, their ranges, the noise,
-    the mesh and the electrodes. A frame takes one to six minutes of a core, the longer the less
+    the mesh and the electrodes. A frame takes one to five minutes of a core, the longer the less
     noise it has; clean frames get 70 dB. Scenarios that they cannot be told are left out unless
     --scenarios names them.
     """
