@@ -49,10 +49,12 @@ ChangeVerdict = Literal[
 _NEEDED = ("scenario", "method", "sample", "cluster", "input_hash", "status")
 _NEEDED_OF_CELL = ("scenario", "method", "frame_ms_p50", "calibration_ms", "machine", "timed")
 
-COMPARED: Mapping[str, MetricSpec] = METRICS | {
-    name: spec for name, spec in UNCERTAINTY.items() if spec.best is not None and spec.unit != "ms"
+COMPARED: Mapping[str, MetricSpec] = {
+    name: spec
+    for name, spec in (METRICS | UNCERTAINTY).items()
+    if spec.best is not None and spec.unit != "ms"
 }
-"""Figures that can be compared, by name; those of stated uncertainty for which less is better."""
+"""Figures that can be compared, by name: those of which more, or less, is better."""
 
 NEGLIGIBLE = 1e-3
 """Share of the standard deviation between clusters: what the rounding of another machine's

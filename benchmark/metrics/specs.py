@@ -220,10 +220,10 @@ _SPECS = (
         formula="step of p across the edges of true contacts / that of t: mean of what lies within "
         "3 % of the sensor's diameter inside, minus the same outside",
         domain=_SIMULATED,
-        best="max",
+        best=None,
         form=".2f",
-        traps="Falls with a wrong place or strength as with blur. More than 1 where an image "
-        "overshoots.",
+        traps="1 is right, more says that an image overshoots. Falls with a wrong place or "
+        "strength as with blur.",
     ),
     MetricSpec(
         "artefacts",

@@ -66,6 +66,8 @@ def write_leaderboard(
 def sorted_rows(rows: Sequence[Row], by: str) -> list[Row]:
     """Return the rows of each scenario by the column `by`, the best first, then those without it.
 
+    Of a figure of which a certain value is the best, the least come first.
+
     Raises:
         InputError: no row has such a column.
     """

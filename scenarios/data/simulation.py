@@ -7,6 +7,7 @@ noise are not stored: they are drawn again from their keys.
 
 import json
 import logging
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -34,6 +35,8 @@ from eitbench.scenarios.storage.cache_dir import cache_dir
 from eitbench.scenarios.suites.scenario import TOUCHES, SimulatedScenario, Split
 
 CHUNK = 10 * TOUCHES
+LINE_SECONDS = 60.0
+"""Between two lines of progress where there is no terminal."""
 
 _log = logging.getLogger(__name__)
 
@@ -128,12 +131,25 @@ def _nominal_part(scenario: SimulatedScenario, samples: range) -> tuple[NDArray[
 
 
 def with_bar(steps: Iterable[_Step], title: str, total: int, *, show: bool) -> Iterable[_Step]:
-    """Return `steps`, so many in `total`; a bar on stderr shows how many are done."""
+    """Return `steps`, so many in `total`; stderr says how many are done, by a bar on a terminal."""
     console = Console(stderr=True)
-    # Without a terminal there is nobody to watch, and a log needs no empty lines.
-    if show and total and console.is_terminal:
+    if not show or not total:
+        return steps
+    if console.is_terminal:
         return track(steps, title, total=total, console=console)
-    return steps
+    return _with_lines(steps, title, total, console)
+
+
+def _with_lines(
+    steps: Iterable[_Step], title: str, total: int, console: Console
+) -> Iterator[_Step]:
+    """Yield `steps`; of those that take long a line says now and then how many are done."""
+    said = time.monotonic()
+    for done, step in enumerate(steps, 1):
+        yield step
+        if time.monotonic() - said >= LINE_SECONDS:
+            said = time.monotonic()
+            console.print(f"{title}: {done:,} of {total:,}", markup=False, soft_wrap=True)
 
 
 def conductivity(scenario: SimulatedScenario, split: Split, sample: int) -> Array:

@@ -159,8 +159,9 @@ def test_stated_uncertainty_is_compared_where_it_is_asked_for() -> None:
     assert {change.figure for change in found.values()} == {"crps"}
     assert found["better"].verdict == "better"
     assert found["worse"].verdict == "worse"
-    with pytest.raises(InputError, match="coverage_95"):
-        figure_called("coverage_95")
+    for name in ("coverage_95", "edge"):
+        with pytest.raises(InputError, match=name):
+            figure_called(name)
 
 
 @pytest.mark.parametrize("name", ["psnr", "PSNR", "PSNR [dB]"])

@@ -194,6 +194,14 @@ def test_nothing_is_highlighted_where_all_are_equal(nasty: list[dict[str, Any]])
     assert "**0.750**" in FORMATS["md"](nasty)
 
 
+def test_more_is_not_better_of_a_figure_that_should_be_one(nasty: list[dict[str, Any]]) -> None:
+    for row in nasty:
+        row["edge"] = 1.47 if row["method"] == "plain" else 0.98
+    text = FORMATS["md"](nasty, ("method", "edge"))
+    assert "1.47" in text
+    assert "**" not in text
+
+
 def test_a_mean_over_the_first_samples_is_not_the_best(build: Any, dataset_of: Any) -> None:
     build.add_scaled(dataset_of("conductivity", 24), {"good": 0.9, "poor": 0.5}, noise=0.02)
     rows = ranked_rows([build.write()])
