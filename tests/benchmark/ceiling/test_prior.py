@@ -49,8 +49,8 @@ def test_the_share_of_places_of_several_contacts_is_what_counting_says(name: str
     parameters = prior.parameters
     off = []
     for vector in prior.draw(8, rng):
-        vectors = np.tile(vector, (20_000, 1))
-        parameters.parts(vectors)[..., :2] = rng.random((20_000, parameters.family.count, 2))
+        vectors = np.tile(vector, (10_000, 1))
+        parameters.parts(vectors)[..., :2] = rng.random((10_000, parameters.family.count, 2))
         counted = prior.fitting(vectors).mean()
         constant = math.log(parameters.copies) - np.log(parameters.span).sum()
         off.append(constant - prior.log_density(vector[None])[0] - math.log(counted))
