@@ -32,7 +32,7 @@ more of each to be found.
 NO_NETWORK = "it uses the network", "methods work without one"
 NO_WRITING = (
     "it writes or changes files elsewhere",
-    "`tempfile` and eitbench's cache are where a method may write",
+    "`tempfile` is where a method may write",
 )
 NO_PROGRAMS = (
     "it starts other programs",

@@ -103,14 +103,14 @@ def import_recording(
     write_recording(content, to)
     frames = counted(len(content), "frame")
     values = f"{content.sensor.n_measurements} values of sensor {content.sensor.name!r}"
-    return [f"{frames} of {values} are in {to}.", *said, *_off_sensor(content)]
+    return [f"{frames} of {values} are in {to}.", *said, *_off_sensor(content, options)]
 
 
 FAR = 10
 """Sizes of a sensor that no origin is away."""
 
 
-def _off_sensor(content: Content) -> list[str]:
+def _off_sensor(content: Content, options: ImportOptions) -> list[str]:
     """A sentence on places outside the sensor, or all at nearly the same place, if they are."""
     if why := metres_as_millimetres(content):
         return [why]
@@ -122,6 +122,8 @@ def _off_sensor(content: Content) -> list[str]:
         f"Places outside the sensor: {len(away)}, the first at ({x:.4g}, {y:.4g}) mm; the sensor "
         f"reaches from ({x0}, {y0}) to ({x1}, {y1}) mm."
     )
+    if options.origin_mm is not None:
+        return [f"{said} Their origin is that of --origin, in mm: look whether it is right."]
     places = content.labels[["x_m", "y_m"]]
     inside = not off_sensor(replace(content, labels=content.labels.assign(**places / 1e3))).size
     left, bottom, right, top = content.sensor.outline.bounds

@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+RECORD = ROOT / "docs" / "studies" / "fuzz" / "fuzz.csv"
 
 
 @pytest.fixture
@@ -32,8 +34,9 @@ def test_spoilt_files_of_all_formats_are_taken_or_refused(
         monkeypatch.setenv(name, "")
     fuzz.drive(7, 100, tmp_path, None, slice(None))
     assert fuzz.report(7, tmp_path) == 0
-    tallies = [json.loads(path.read_text()) for path in tmp_path.glob("*.json")]
-    assert len(tallies) == 17
+    stored = {path.stem.removesuffix("-7"): path for path in tmp_path.glob("*.json")}
+    assert sorted(stored) == pd.read_csv(RECORD)["target"].tolist()
+    tallies = [json.loads(path.read_text()) for path in stored.values()]
     assert sum(tally["files"] for tally in tallies) >= 100
     assert sum(tally["taken"] for tally in tallies) > 10  # some spoilt files are still good
 

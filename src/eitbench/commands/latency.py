@@ -24,7 +24,8 @@ def latency(
         ),
     ],
     snr: Annotated[
-        float | None, typer.Option(help="SNR of a frame in dB; has to be given.")
+        float | None,
+        typer.Option(min=0, max=200, help="SNR of a frame in dB; has to be given."),
     ] = None,
     methods: Annotated[
         str, typer.Option(metavar="A,B", help="Methods that can be used live.")

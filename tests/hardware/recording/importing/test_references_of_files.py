@@ -215,5 +215,12 @@ def test_bad_files_of_differences_are_one_sentence(tmp_path: Path) -> None:
     said = " ".join(import_recording([str(source)], tmp_path / "mm.h5", SKIN, options))
     assert "Places outside the sensor: 6" in said
     assert "Read as millimetres they are inside: name the columns x_mm and y_mm." in said
+    said = " ".join(
+        import_recording(
+            [str(source)], tmp_path / "far.h5", SKIN, replace(options, origin_mm=(1e3, 0.0))
+        )
+    )
+    assert "Their origin is that of --origin, in mm: look whether it is right." in said
+    assert "millimetres" not in said
     problems, _ = check(tmp_path / "mm.h5")
     assert [p for p in problems if "6 labels outside the sensor" in p]
