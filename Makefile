@@ -58,7 +58,7 @@ types: $(STAMPS)/lint $(STAMPS)/test  ## mypy, strict
 audit: $(STAMPS)/audit  ## known vulnerabilities of what is installed
 	$(BIN)/python tests/security/audit.py
 
-tune: $(STAMPS)/test  ## choose the packaged hyper-parameters again (about an hour)
+tune: $(STAMPS)/test  ## choose packaged hyper-parameters again (an hour); those of other suites: CONTRIBUTING.md
 	for suite in quick paper paper-noise noise shapes presses acuity recorded; do \
 		$(BIN)/eitbench tune $$suite --jobs 2 --out benchmark/tuning/selected && \
 		$(BIN)/eitbench tune $$suite --methods pyeit-jac,pyeit-greit,pyeit-bp --out benchmark/tuning/selected || exit 1; done

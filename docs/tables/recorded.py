@@ -293,7 +293,11 @@ def _models_of_skins() -> str:
     shown = [
         *(("explained", model, ".0%") for model in ("disc", "tensor", "polar", "radial")),
         *(("with_gains", model, ".0%") for model in ("disc", "tensor", "polar", "place")),
-        *((of, model, ".1f") for of in figures[2:] for model in ("disc", "tensor")),
+        *(
+            (of, model, ".1f")
+            for of in figures[2:]
+            for model in ("disc", "tensor", "polar", "radial")
+        ),
     ]
     rows = [
         [
@@ -309,8 +313,9 @@ def _models_of_skins() -> str:
     ]  # fmt: skip
     heads = [
         "skin", "disc", "tensor", "polar", "radial", "disc, gains", "tensor, gains",
-        "polar, gains", "place", "error, disc [mm]", "tensor [mm]", "disc, gains [mm]",
-        "tensor, gains [mm]", "ratio of the tensor", "map like the disc",
+        "polar, gains", "place", "error, disc [mm]", "tensor [mm]", "polar [mm]", "radial [mm]",
+        "disc, gains [mm]", "tensor, gains [mm]", "polar, gains [mm]", "radial, gains [mm]",
+        "ratio of the tensor", "map like the disc",
     ]  # fmt: skip
     return printed(heads, rows)
 
