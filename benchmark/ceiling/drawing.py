@@ -36,12 +36,12 @@ from eitbench.benchmark.ceiling.sampler import (
     merged,
 )
 from eitbench.scenarios.data.datasets import load
-from eitbench.scenarios.data.simulation import with_bar
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.imperfections.imperfections import Imperfections
 from eitbench.scenarios.interrupts import worker_pool
 from eitbench.scenarios.phantoms.phantom import Phantom
 from eitbench.scenarios.physics.forward import ForwardModel
+from eitbench.scenarios.progress import with_bar
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 from eitbench.scenarios.suites.scenario import TOUCHES, Scenario, SimulatedScenario

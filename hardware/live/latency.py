@@ -31,10 +31,10 @@ from eitbench.hardware.live.imaging import (
     use_one_thread,
 )
 from eitbench.scenarios.arrays import Array
-from eitbench.scenarios.data.simulation import with_bar
 from eitbench.scenarios.errors import InputError
 from eitbench.scenarios.imperfections.imperfections import FRAME_S, TYPICAL
 from eitbench.scenarios.phantoms.press import PRESSURE_PA
+from eitbench.scenarios.progress import with_bar
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.sensor import Sensor
 

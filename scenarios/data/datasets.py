@@ -17,7 +17,6 @@ from eitbench.scenarios.data.simulation import (
     CleanFrames,
     clean_frames,
     phantom,
-    with_bar,
 )
 from eitbench.scenarios.errors import InputError, unknown_name
 from eitbench.scenarios.guard import check_open
@@ -30,6 +29,7 @@ from eitbench.scenarios.imperfections.noise import (
 )
 from eitbench.scenarios.interrupts import worker_pool
 from eitbench.scenarios.phantoms.phantom import Phantom, rasterise
+from eitbench.scenarios.progress import with_bar
 from eitbench.scenarios.sensors.sensor import Sensor
 from eitbench.scenarios.suites.scenario import (
     TOUCHES,

@@ -7,18 +7,15 @@ noise are not stored: they are drawn again from their keys.
 
 import json
 import logging
-import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import joblib
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import track
 from threadpoolctl import threadpool_limits
 
 from eitbench.scenarios.arrays import Array
@@ -28,6 +25,7 @@ from eitbench.scenarios.imperfections.imperfections import TOUCH_INTERVAL_S
 from eitbench.scenarios.interrupts import worker_pool
 from eitbench.scenarios.phantoms.phantom import Phantom, draw, rasterise
 from eitbench.scenarios.physics.forward import forward_model
+from eitbench.scenarios.progress import with_bar
 from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.sensors.sensor import content_hash
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
@@ -35,12 +33,8 @@ from eitbench.scenarios.storage.cache_dir import cache_dir
 from eitbench.scenarios.suites.scenario import TOUCHES, SimulatedScenario, Split
 
 CHUNK = 10 * TOUCHES
-LINE_SECONDS = 60.0
-"""Between two lines of progress where there is no terminal."""
 
 _log = logging.getLogger(__name__)
-
-_Step = TypeVar("_Step")
 
 
 def phantom(scenario: SimulatedScenario, split: Split, sample: int) -> Phantom:
@@ -128,28 +122,6 @@ def _nominal_part(scenario: SimulatedScenario, samples: range) -> tuple[NDArray[
     with threadpool_limits(1):
         images = np.array([rasterise(phantom(scenario, "train", k), sensor) for k in samples])
         return images.astype(np.float32), forward_model(sensor).voltages(images)
-
-
-def with_bar(steps: Iterable[_Step], title: str, total: int, *, show: bool) -> Iterable[_Step]:
-    """Return `steps`, so many in `total`; stderr says how many are done, by a bar on a terminal."""
-    console = Console(stderr=True)
-    if not show or not total:
-        return steps
-    if console.is_terminal:
-        return track(steps, title, total=total, console=console)
-    return _with_lines(steps, title, total, console)
-
-
-def _with_lines(
-    steps: Iterable[_Step], title: str, total: int, console: Console
-) -> Iterator[_Step]:
-    """Yield `steps`; of those that take long a line says now and then how many are done."""
-    said = time.monotonic()
-    for done, step in enumerate(steps, 1):
-        yield step
-        if time.monotonic() - said >= LINE_SECONDS:
-            said = time.monotonic()
-            console.print(f"{title}: {done:,} of {total:,}", markup=False, soft_wrap=True)
 
 
 def conductivity(scenario: SimulatedScenario, split: Split, sample: int) -> Array:

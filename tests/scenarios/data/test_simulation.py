@@ -331,18 +331,6 @@ def test_progress_is_shown_on_stderr_and_only_when_there_is_something_to_do(
     assert capsys.readouterr().err == ""
 
 
-def test_without_a_terminal_what_takes_long_says_how_far_it_is(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(simulation, "LINE_SECONDS", 0.0)
-    assert list(simulation.with_bar("abc", "Drawing [x]", 3, show=True)) == ["a", "b", "c"]
-    shown = capsys.readouterr()
-    assert shown.err.splitlines() == [f"Drawing [x]: {n} of 3" for n in (1, 2, 3)]
-    assert shown.out == ""
-    assert list(simulation.with_bar("abc", "Drawing", 3, show=False)) == ["a", "b", "c"]
-    assert capsys.readouterr().err == ""
-
-
 def test_any_first_samples_are_balanced_and_resemble_no_other_split() -> None:
     families = [phantom(SCENARIO, "test", k).family for k in range(60)]
     assert {families.count(name) for name in PUBLISHED_FAMILIES} == {10}
