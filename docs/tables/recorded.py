@@ -290,14 +290,11 @@ def _models_of_skins() -> str:
     alike = maps.corrwith(maps["disc"]).rename("alike")
     fitted = stored[stored["model"] == "tensor"].groupby("skin", sort=False)
     ratios, angles = fitted["first"].agg(list), fitted["angle"].agg(list)
+    models = ("disc", "tensor", "polar", "radial")
     shown = [
-        *(("explained", model, ".0%") for model in ("disc", "tensor", "polar", "radial")),
+        *(("explained", model, ".0%") for model in models),
         *(("with_gains", model, ".0%") for model in ("disc", "tensor", "polar", "place")),
-        *(
-            (of, model, ".1f")
-            for of in figures[2:]
-            for model in ("disc", "tensor", "polar", "radial")
-        ),
+        *((of, model, ".1f") for of in figures[2:] for model in models),
     ]
     rows = [
         [

@@ -50,7 +50,8 @@ def test_a_typed_figure_of_a_sentence_is_put_right() -> None:
         ("size/summary.json rows.psnr .1f samples=750 backbone=unet", "21.9"),
         ("size/summary.json training_hours g", "0.3"),
         pytest.param(
-            *("ledger claims.figures.0.interval.1 .3f id=real-presses", "0.111"),
+            "ledger claims.figures.0.interval.1 .3f id=real-presses",
+            "0.111",
             marks=pytest.mark.slow,
         ),
         ("scenarios/suites/scenario.py GENERATOR_VERSION d", "2"),
