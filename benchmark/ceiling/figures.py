@@ -17,7 +17,13 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from eitbench.benchmark.ceiling.agreement import AGREED, TRACES, greatest_rhat, traces
+from eitbench.benchmark.ceiling.agreement import (
+    AGREED,
+    ROUNDING,
+    TRACES,
+    greatest_rhat,
+    traces,
+)
 from eitbench.benchmark.ceiling.drawing import (
     RUNS,
     SEEDS,
@@ -131,7 +137,8 @@ def _frame(
     weight = np.concatenate([weights[k] for k in PROPOSALS]) / len(PROPOSALS)
     (true,) = traces(truth[None], data.sensor)
     chance = generator("ceiling", "ties", data.scenario, sample).random(len(TRACES))
-    below = weight @ (both < true) + chance * (weight @ (both == true))
+    near = ROUNDING * np.abs(both).max(axis=0)
+    below = weight @ (both < true - near) + chance * (weight @ (np.abs(both - true) <= near))
     deviations = np.sqrt(weight @ (both - weight @ both) ** 2)
     family = np.concatenate([drawn[k].families for k in PROPOSALS])
     likely = dict.fromkeys((of.family.name for of in families), 0.0)

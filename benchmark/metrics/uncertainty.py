@@ -39,6 +39,10 @@ def root_mean_square(rows: pd.DataFrame, counts: NDArray[np.float64]) -> NDArray
 SPREAD = 0.01
 """Pixels are ranked where truth and draws span more than this part of the sensor's data range."""
 
+PLACE_ROUNDING = 9
+"""Decimals of distances [m] of places that are compared. Images of the same pixels have the same
+place but for rounding, which is another in draws, of single precision, than in the truth."""
+
 LEVELS = (50, 80, 95)
 """Central intervals [%]; with 39 draws each ends at a draw."""
 
@@ -125,8 +129,9 @@ UNCERTAINTY = {
                 f"place_coverage_{level}",
                 f"Place in {level} %",
                 formula=f"share of frames whose true place is among the {level} % nearest to the "
-                "mean of the places in the draws and of itself; draws without a contact are left "
-                "out, and where all are, it counts as 0",
+                "mean of the places in the draws and of itself; distances equal to the nanometre "
+                "share their ranks; draws without a contact are left out, and where all are, it "
+                "counts as 0",
                 domain=_PLACES,
                 best=None,
                 form=".1%",
@@ -407,7 +412,7 @@ def place_figures(places: Array, true: Array) -> dict[str, Array]:
     figures["place_radius_mm"] = np.full(len(true), np.nan)
     for n in np.flatnonzero(np.isfinite(true).all(axis=1)).tolist():
         drawn = places[n][np.isfinite(places[n]).all(axis=1)]
-        distances = _from_middle(np.concatenate([drawn, true[n, None]]))
+        distances = _from_middle(np.concatenate([drawn, true[n, None]])).round(PLACE_ROUNDING)
         nearer, upto = (distances < distances[-1]).mean(), (distances <= distances[-1]).mean()
         for level in LEVELS:
             # The rank of the truth lies anywhere between the two ends.

@@ -16,6 +16,7 @@ from eitbench.benchmark.ceiling.models import images
 from eitbench.benchmark.ceiling.moves import PROPOSALS
 from eitbench.benchmark.ceiling.sampler import Draws
 from eitbench.scenarios import load
+from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.suites.scenario import SimulatedScenario
 
 SENSOR = foam((80, 80))
@@ -136,6 +137,24 @@ def test_a_truth_that_all_draws_have_is_at_any_rank_and_families_weigh_as_their_
     below = weights[1:] @ (np.array(others) < first)
     assert below <= min(found) < max(found) <= below + 0.5
     assert max(found) - min(found) > 0.2  # chance says where
+
+
+def test_a_truth_with_the_pixels_of_all_draws_is_at_any_rank_of_places() -> None:
+    """Their places differ by rounding, as their conductivities are others."""
+    data, (prior,) = load(SCENARIO, "test"), priors_of(SCENARIO)
+    circle = prior.draw(1, np.random.default_rng(2))[0]
+    vectors = np.repeat(circle[None], 41, axis=0)
+    vectors[:, -1] = np.linspace(0.1, 0.4, 41)
+    families, which = [prior.parameters], np.zeros(41, int)
+    truth, *painted = images(families, which, vectors)
+    x = traces(np.array([truth, *painted]), data.sensor)[:, 0]
+    assert 0 < np.ptp(x) < 1e-15
+    draws = Draws(which[1:], vectors[1:], np.full(40, 1 / 40), np.zeros(40), 1.0, 0.0)
+    for sample in range(3):
+        row, _ = _frame(data, sample, truth, dict.fromkeys(PROPOSALS, draws), families)
+        chance = generator("ceiling", "ties", "tiny", sample).random(len(TRACES))
+        chance[2] = 1  # of strength: the weakest touch has the least conductivity
+        assert [row[f"rank_{name}"] for name in TRACES] == pytest.approx(chance.tolist())
 
 
 def frames(n: int, ranks: np.random.Generator, width: float) -> pd.DataFrame:

@@ -248,7 +248,10 @@ def test_a_deviation_that_does_not_fit_is_infinite_and_says_nothing(
 
 
 def test_what_is_kept_of_frames_becomes_columns() -> None:
-    """Two discs whose depth varies as stated, one a frame; outside the sensor nothing counts."""
+    """Two discs whose depth varies as stated, one a frame; outside the sensor nothing counts.
+
+    The truth and all draws have the same place, so that its rank is any of theirs.
+    """
     foam = sensor("foam16")
     y, x = np.indices(foam.image_shape) / np.array(foam.image_shape)[:, None, None]
     discs = np.stack([np.hypot(x - 0.3, y - 0.5) < 0.15, np.hypot(x - 0.7, y - 0.4) < 0.1])
@@ -260,6 +263,8 @@ def test_what_is_kept_of_frames_becomes_columns() -> None:
     true = locate(truth - 1, foam)
     columns = sample_figures(kept, kept["places"], true)
     assert columns.keys() == UNCERTAINTY.keys()
+    for level in LEVELS:
+        assert columns[f"place_coverage_{level}"] == pytest.approx(level / 100)
     np.testing.assert_allclose(kept["places"], np.repeat(true[:, None], DRAWS, 1), atol=1e-9)
     ranks = (depth[:, 1:] > depth[:, :1]).sum(axis=(1, 2, 3))  # the deeper, the lower
     np.testing.assert_allclose(kept["ranks"][[0, 1], ranks], 1)
