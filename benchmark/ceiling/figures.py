@@ -78,7 +78,8 @@ def frames_table(
     of each alone, and `expected_mse`, the variance of the posterior; `rhat`, the greatest of the
     traces; `effective`, of the draws of either sampler the lesser (`Draws.effective`);
     `surpassed`, see `Posterior`, which frames by versions up to 8 lack;
-    `rank_<trace>`, the share of draws below the truth; `true_<trace>` and `sd_<trace>`, the truth
+    `rank_<trace>`, the share of draws below the truth, and of those equal to it but for rounding as
+    many as chance says; `true_<trace>` and `sd_<trace>`, the truth
     and the posterior's standard deviation; `likely_<family>`, the probabilities; `STATED`, the
     figures of the posterior as an uncertainty, and its curves as texts of numbers, see
     `record.curves_of`.
