@@ -46,16 +46,18 @@ from eitbench.scenarios.seeds import generator
 from eitbench.scenarios.storage.array_file import read_arrays, write_arrays
 from eitbench.scenarios.suites.scenario import TOUCHES, Scenario, SimulatedScenario
 
-VERSION, KEPT_RHAT, RUNS = 9, 1.02, 4
-"""The first is raised by one whenever a frame gives other draws than before. Draws are kept where
-their weights are exact and R-hat is below the second: as far as a frame's own checks can tell, they
-are right, and recorded ones by earlier versions stay. (That samplers agree selects frames whose
-errors by chance are alike, so that the product of the errors is a little too large.) Where R-hat is
-not, both samplers run again, so often in all at most, and the draws of their runs are merged."""
+VERSION, STAYS, KEPT_RHAT, RUNS = 10, 9, 1.02, 4
+"""The first is raised by one whenever a frame gives other draws than before; recorded frames by the
+second and later ones stay. Draws are kept where their weights are exact and R-hat is below the
+third: as far as a frame's own checks can tell, they are right, and recorded ones by earlier
+versions stay, too, if no trace of the truth lies outside of all of them. (That samplers agree
+selects frames whose errors by chance are alike, so that the product of the errors is a little too
+large.) Where R-hat is not, both samplers run again, so often in all at most, and the draws of their
+runs are merged."""
 SURPASSED = 3.0
-"""By how much the true phantom may explain a frame better than the draw that does so best. Where it
-is more, both samplers have lost what is likely: more is drawn about the true phantom, and counts by
-its evidence."""
+"""By how much the true phantom may explain a frame better than the draw of a sampler that does so
+best. Where it is more, the sampler has lost what is likely: it draws about the true phantom next,
+and these draws count by their evidence."""
 CLEAN_DB, MOST_DB = 70.0, 80.0
 """SNR of the frames that stand for those without noise, whose posterior has no width, and the
 greatest one."""
@@ -161,7 +163,7 @@ def draw_posteriors(
     """Draw from the posteriors of the first `samples` test frames of scenarios.
 
     With `record`, frames that the product's own record has are left out, but for those by an
-    earlier version whose draws are not exact or disagree, see `KEPT_RHAT`.
+    earlier version that are doubtful, see `kept`.
 
     Raises:
         InputError: frames that the sampler does not know the law of, or draws of other frames in
@@ -195,9 +197,14 @@ def draw_posteriors(
 
 
 def kept(recorded: pd.DataFrame) -> pd.Series:
-    """True for recorded frames that need not be drawn anew."""
+    """True for recorded frames that need not be drawn anew, see `KEPT_RHAT`.
+
+    Those by early versions are compared with the truth by its ranks, which is a rough check.
+    """
     agree = (recorded["effective"] >= CORRECTED) & (recorded["rhat"] < KEPT_RHAT)
-    return agree | (recorded["version"] == VERSION)
+    ranks = recorded.filter(regex="^rank_")
+    among = ((ranks > 0) & (ranks < 1)).all(axis=1)
+    return agree & among | (recorded["version"] >= STAYS)
 
 
 class Posterior(NamedTuple):
@@ -205,8 +212,9 @@ class Posterior(NamedTuple):
 
     Attributes:
         draws: by sampler.
-        surpassed: how much better the true phantom explains the frame than the draw that does so
-            best, as a difference of logarithms of the exact likelihood, see `SURPASSED`.
+        surpassed: how much better the true phantom explains the frame than the best draw of the
+            sampler that does so less well, as a difference of logarithms of the exact likelihood,
+            see `SURPASSED`. Of frames by version 9 it is than the best draw of both samplers.
     """
 
     draws: dict[Proposals, Draws]
@@ -271,24 +279,25 @@ def _draw(scenario: SimulatedScenario, frames: list[_Frame], session: int) -> No
             phantom = models.of_phantom(frame.phantom)
             true = float(seen.log_likelihood(models.exact(*phantom))[0])
             runs: dict[Proposals, list[Draws]] = {name: [] for name in PROPOSALS}
-            surpassed = -math.inf
+            surpassed = dict.fromkeys(PROPOSALS, -math.inf)
             for run in range(RUNS):
                 for name, draws in runs.items():
                     rng = generator("ceiling", frame.scenario, frame.sample, name, run)
-                    if surpassed > SURPASSED:
+                    if surpassed[name] > SURPASSED:
                         draws.append(draws_about(models, *phantom, seen, rng))
                     else:
                         draws.append(sampler(name, run).draws(seen, rng))
                 found = {name: merged(draws) for name, draws in runs.items()}
-                surpassed = true - max(float(of.log_likelihoods.max()) for of in found.values())
-                if surpassed <= SURPASSED and _agree(list(found.values()), models):
+                surpassed = {k: true - float(of.log_likelihoods.max()) for k, of in found.items()}
+                most = max(surpassed.values())
+                if most <= SURPASSED and _agree(list(found.values()), models):
                     break
             arrays = {
                 f"{name}-{field}": _compact(np.asarray(values))
                 for name, draws in found.items()
                 for field, values in draws._asdict().items()
             }
-            arrays["surpassed"] = _compact(np.asarray(surpassed))
+            arrays["surpassed"] = _compact(np.asarray(most))
             write_arrays(frame.path, arrays, _metadata(frame.input_hash))
 
 

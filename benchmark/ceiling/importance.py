@@ -1,6 +1,6 @@
 """Draws of the part of a posterior that a known phantom lies in, by importance sampling.
 
-Where samplers have lost the true phantom (`drawing.SURPASSED`), what is likely lies about it. From
+Where a sampler has lost the true phantom (`drawing.SURPASSED`), what is likely lies about it. From
 there vectors are drawn, weighed exactly, and drawn again about those that weigh most; a weight is
 over the mixture of all laws so far (adaptive multiple importance sampling: Cornuet, Marin, Mira and
 Robert, Scand. J. Stat. 39(4), 2012). So the weights do not depend on where it began.

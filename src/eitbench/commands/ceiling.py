@@ -43,7 +43,7 @@ def ceiling(
         typer.Option(
             "--record",
             help="Draw only frames that eitbench's own record lacks, and those by an earlier "
-            "sampler whose draws are not exact or disagree.",
+            "sampler whose draws are doubtful.",
         ),
     ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
