@@ -151,6 +151,25 @@ def _rungs() -> str:
     return printed(heads, rows)
 
 
+def _held() -> str:
+    """What the posteriors of a rung hold, and those of the ideal sensor on the same frames."""
+    stored = pd.read_csv(STUDIES / "rungs" / "rungs.csv")
+    named = stored["scenario"].str.removeprefix("sim2real-").str.split("-at-").str[0]
+    columns = {"images": ".1f", "doubted": ".0f", "place_mm": ".3f"}
+    tables = {name: of.set_index("sample")[list(columns)] for name, of in stored.groupby(named)}
+    ideal, rows = tables.pop("ideal"), []
+    for name in named.drop_duplicates().drop(named.index[0]):
+        of, control = tables[name].align(ideal, join="inner")
+        medians = zip(control.median(), of.median(), columns.values(), strict=True)
+        figures = (f"{value:{form}}" for *pair, form in medians for value in pair)
+        rows.append([name, str(len(of)), *figures])
+    heads = [
+        "70 dB", "frames", "images: ideal sensor", "rung", "pixels in doubt: ideal sensor", "rung",
+        "deviation of the place [mm]: ideal sensor", "rung",
+    ]  # fmt: skip
+    return printed(heads, rows)
+
+
 def _offsets(same: str) -> str:
     """Patterns (i, i + k) by the ceiling, beside k = 3 on the same frames."""
     stored = pd.read_csv(STUDIES / "offsets" / "offsets.csv")
@@ -183,6 +202,7 @@ TABLES = {
     "below the ceiling": lambda: _below("noise"),
     "ceiling of rungs": lambda: _figures("sim2real", _COLUMNS),
     "rungs beside the ideal sensor": _rungs,
+    "what posteriors of rungs hold": _held,
     "ceiling checks of rungs": lambda: _figures("sim2real", _CHECKS),
     "ceiling of shapes": lambda: _figures("shapes", _COLUMNS),
     "ceiling checks of shapes": lambda: _figures("shapes", _CHECKS),
