@@ -3,6 +3,7 @@
 from eitbench.scenarios.arrays import nearest_pixels
 from eitbench.scenarios.errors import DataCorruptError, EitbenchError, InputError, unknown_name
 from eitbench.scenarios.interrupts import worker_pool
+from eitbench.scenarios.progress import with_bar
 from eitbench.scenarios.similarity import Similarity
 from eitbench.scenarios.storage.atomic_write import atomic_write, atomic_write_json
 from eitbench.scenarios.storage.files import writing
@@ -16,6 +17,7 @@ __all__ = [
     "atomic_write_json",
     "nearest_pixels",
     "unknown_name",
+    "with_bar",
     "worker_pool",
     "writing",
 ]

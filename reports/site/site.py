@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from pydantic import TypeAdapter
 
 from eitbench import __version__
-from eitbench.benchmark import InputError, atomic_write, atomic_write_json, writing
+from eitbench.benchmark import InputError, atomic_write, atomic_write_json, with_bar, writing
 from eitbench.benchmark.analysis.catalogue import about_method, about_recording, packaged_suites
 from eitbench.benchmark.analysis.results import NOTES_FILE, Run, plugin_copies
 from eitbench.benchmark.rundir import manifest
@@ -91,13 +91,14 @@ class WrittenSite(NamedTuple):
     left_out: list[str]
 
 
-def write_site(folder: Path, out: Path) -> WrittenSite:
+def write_site(folder: Path, out: Path, *, progress: bool = False) -> WrittenSite:
     """Write the site of the records, or of the run directories, in `folder` into `out`.
 
     `folder` holds versions of the leaderboard, see `reports.board`, or runs. The newest version is
     at the top, those before it under `archive/`; there, the newest one has pages that lead to its
     own, so that addresses with a version last. Files of an earlier site in `out` go. Runs and
-    submissions that cannot be read are left out, with a sentence on the front page.
+    submissions that cannot be read are left out, with a sentence on the front page. With
+    `progress`, stderr says how far it is.
 
     Raises:
         InputError: there is no run directory in `folder`, `out` is that folder or a run, or
@@ -116,7 +117,7 @@ def write_site(folder: Path, out: Path) -> WrittenSite:
         for k, edition in enumerate(found):
             place = f"{ARCHIVE}/{edition.version}/" if k else ""
             site = _Site(edition, out, place, found)
-            for name, content in site.files():
+            for name, content in site.files(progress=progress):
                 atomic_write(out / place / name, content)
                 files.append(f"{place}{name}")
                 if not name.endswith(".html"):
@@ -171,7 +172,7 @@ class _Site:
         self._docs = self._top + _DOCUMENTATION if (out / _DOCUMENTATION).is_file() else ""
         self._strips: dict[str, bytes] = {}
 
-    def files(self) -> Iterator[tuple[str, bytes]]:
+    def files(self, *, progress: bool) -> Iterator[tuple[str, bytes]]:
         """Yield the name of each file and its content, the front page first."""
         edition = self.edition
         yield "index.html", self._front()
@@ -180,7 +181,8 @@ class _Site:
         to = {suite.name: suite.version for suite in self.found[0].suites}.get("quick", "")
         keys = hidden_keys(edition)
         yield "submit.html", self._page("submit", title, home="", keys=keys, to=to)
-        for suite in edition.suites:
+        what = " ".join(["Pages of suites", edition.version]).strip()
+        for suite in with_bar(edition.suites, what, len(edition.suites), show=progress):
             yield suite.file, self._suite(suite)
             yield suite.report_file, to_page(suite.report, found=suite.found).encode()
             yield self._card_of(suite), _json(self._suite_card(suite))

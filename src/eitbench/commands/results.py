@@ -80,7 +80,7 @@ def site(
     """Build a static leaderboard from many runs: one page a suite, one a method, all versions."""
     from eitbench.reports.site.site import write_site
 
-    written = write_site(runs, out)
+    written = write_site(runs, out, progress=True)
     typer.echo(f"Site: {written.pages[0]} ({len(written.pages)} pages)")
     for why in written.left_out:
         warn(f"{why}.")

@@ -30,6 +30,7 @@ from eitbench.reports.site.pages import hidden_keys
 from eitbench.reports.site.site import write_site
 from eitbench.reports.site.stated import method_stated_table, stated_tables
 from eitbench.reports.tables.leaderboard import FORMATS, ranked_rows
+from eitbench.scenarios import progress
 from eitbench.scenarios.errors import DataCorruptError, InputError
 from eitbench.scenarios.suites.suite import suites
 
@@ -79,7 +80,9 @@ def cells(page: str, title: str) -> list[list[str]]:
     ]
 
 
-def test_every_link_leads_to_a_file(runs: Path, tmp_path: Path) -> None:
+def test_every_link_leads_to_a_file(
+    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = tmp_path / "site"
     written = write_site(runs, out).pages
     assert {str(path.relative_to(out)) for path in written} == {
@@ -93,8 +96,10 @@ def test_every_link_leads_to_a_file(runs: Path, tmp_path: Path) -> None:
             for link in links(path):
                 assert (path.parent / unquote(link)).is_file(), link
     assert "damaged is left out" in written[0].read_text()
+    monkeypatch.setattr(progress, "LINE_SECONDS", 0.0)
     result = CliRunner().invoke(app, ["site", str(runs), "--out", str(out)])
     assert "damaged is left out: " in result.stderr
+    assert "Pages of suites: 1 of 1" in result.stderr
 
 
 def test_a_method_has_what_eitbench_says_of_it(runs: Path, tmp_path: Path) -> None:
