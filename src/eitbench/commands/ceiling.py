@@ -53,8 +53,8 @@ def ceiling(
 
     Two samplers draw from the posterior of every frame, told the families, their ranges, the noise,
     the mesh and the electrodes. A frame takes one to five minutes of a core, the longer the less
-    noise it has; clean frames get 70 dB. Scenarios that they cannot be told are left out unless
-    --scenarios names them.
+    noise it has, and more than ten if it may be of four contacts, as in `shapes`; clean frames get
+    70 dB. Scenarios that they cannot be told are left out unless --scenarios names them.
     """
     from eitbench.benchmark.ceiling.drawing import draw_posteriors, known_of
     from eitbench.benchmark.ceiling.figures import summary, write_record
