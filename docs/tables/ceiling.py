@@ -51,8 +51,13 @@ def _figures(suite: str, columns: dict[str, tuple[str, str]]) -> str:
 
 def _level(suite: str, row: dict[str, Any]) -> str:
     """What tells the scenarios of a suite apart: the noise, and on rungs their name."""
-    rung = str(row["scenario"]).removeprefix(f"{suite}-").split("-at-")[0]
-    return f"{rung}, {row['snr_db']:g} dB" if suite == "sim2real" else f"{row['snr_db']:g} dB"
+    level = f"{row['snr_db']:g} dB"
+    return f"{_rung(str(row['scenario']))}, {level}" if suite == "sim2real" else level
+
+
+def _rung(scenario: str) -> str:
+    """The name of a rung of `sim2real`."""
+    return scenario.removeprefix("sim2real-").split("-at-")[0]
 
 
 def _below(suite: str) -> str:
@@ -154,7 +159,7 @@ def _rungs() -> str:
 def _held() -> str:
     """What the posteriors of a rung hold, and those of the ideal sensor on the same frames."""
     stored = pd.read_csv(STUDIES / "rungs" / "rungs.csv")
-    named = stored["scenario"].str.removeprefix("sim2real-").str.split("-at-").str[0]
+    named = stored["scenario"].map(_rung)
     columns = {"images": ".1f", "doubted": ".0f", "place_mm": ".3f"}
     tables = {name: of.set_index("sample")[list(columns)] for name, of in stored.groupby(named)}
     ideal, rows = tables.pop("ideal"), []

@@ -181,7 +181,7 @@ class _Site:
         to = {suite.name: suite.version for suite in self.found[0].suites}.get("quick", "")
         keys = hidden_keys(edition)
         yield "submit.html", self._page("submit", title, home="", keys=keys, to=to)
-        what = " ".join(["Pages of suites", edition.version]).strip()
+        what = f"Pages of suites {edition.version}".rstrip()
         for suite in with_bar(edition.suites, what, len(edition.suites), show=progress):
             yield suite.file, self._suite(suite)
             yield suite.report_file, to_page(suite.report, found=suite.found).encode()

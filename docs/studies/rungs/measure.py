@@ -37,9 +37,9 @@ DOUBT = 0.05
 def held(posterior: Posterior, families: list[Parameters]) -> dict[str, float]:
     """What the draws of both samplers together hold.
 
-    Columns: `images`, how many images their weights are worth; `doubted`, the number of pixels in
-    doubt; `place_mm`, root mean square deviation of the centre of the likeliest family's (first)
-    shape, a parameter of it, from its mean.
+    Columns: `images`, how many sets of touched pixels their weights are worth; `doubted`, the
+    number of pixels in doubt; `place_mm`, root mean square deviation of the centre of the likeliest
+    family's (first) shape, a parameter of it, from its mean.
     """
     drawn = posterior.draws.values()
     family = np.concatenate([of.families for of in drawn]).astype(int)
@@ -67,10 +67,8 @@ def rows_of(scenario: SimulatedScenario, folder: Path, samples: int) -> list[dic
     for sample, input_hash in enumerate(data.frame_hashes):
         posterior = draws_of(folder, scenario.name, sample, input_hash)
         if posterior is not None:
-            of = data.samples.iloc[sample]
-            about = {name: of[name] for name in ("cluster", "family")}
-            name = {"scenario": scenario.name, "sample": sample}
-            found.append({**name, **about, **held(posterior, families)})
+            about = {"scenario": scenario.name, "sample": sample}
+            found.append({**about, **held(posterior, families)})
     return found
 
 
